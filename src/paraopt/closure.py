@@ -1,0 +1,152 @@
+"""The graph: from a mechanism to its closure equations F(X) = 0 and poses, as CasADi expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, singledispatch
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from paraopt.errors import DefinitionError
+from paraopt.mechanism import Base, Closure, Coincidence, Link, Mechanism, Motion, Series
+from paraopt.spatial import rotation_about, rotation_xyz
+
+
+@dataclass(frozen=True)
+class Row:
+    """Describe one closure equation.
+
+    Attributes:
+        name: Name of the closure and component.
+        unit: "m", or "1" for an equation without dimension.
+    """
+
+    name: str
+    unit: Literal["m", "1"]
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureGraph:
+    """Hold the closure equations of a mechanism as symbolic expressions.
+
+    Attributes:
+        mechanism: The mechanism.
+        X: All variables in the order active, passive, operational; shape (n_variables,).
+        F: Closure residual, zero when the loops are closed; shape (n_equations,), units as in `rows`.
+        rows: Name and unit of each equation.
+        X_W: Pose of every link in the world, 4 x 4, by name.
+    """
+
+    mechanism: Mechanism
+    X: ca.SX
+    F: ca.SX
+    rows: tuple[Row, ...]
+    X_W: Mapping[str, ca.SX]
+
+    @cached_property
+    def E(self) -> ca.SX:
+        """Give the Jacobian `E = dF/dX = [M N K]`; shape (n_equations, n_variables)."""
+        return ca.jacobian(self.F, self.X)
+
+    @cached_property
+    def blocks(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Give M (active), N (passive) and K (operational), the column blocks of E."""
+        a, p = len(self.mechanism.active), len(self.mechanism.passive)
+        return self.E[:, :a], self.E[:, a : a + p], self.E[:, a + p :]
+
+    @cached_property
+    def variable_scale(self) -> NDArray[np.float64]:
+        """Give the unit in which each variable is judged: the characteristic length [m] or 1 rad."""
+        L = self.mechanism.length
+        return np.array([L if v.kind == "length" else 1.0 for v in self.mechanism.variables])
+
+    @cached_property
+    def row_scale(self) -> NDArray[np.float64]:
+        """Give the unit in which each equation is judged: the characteristic length [m] or 1."""
+        return np.array([self.mechanism.length if row.unit == "m" else 1.0 for row in self.rows])
+
+
+def build_closure(mechanism: Mechanism) -> ClosureGraph:
+    """Build the closure equations and the link poses of a mechanism.
+
+    Args:
+        mechanism: The description.
+
+    Returns:
+        The graph; `F(X) = 0` where the loops are closed, `E Xdot = M qdot_a + N qdot_p + K xdot = 0` on a motion.
+
+    Source: Lahouar, II.1, II.2.
+    """
+    X = ca.SX.sym("X", len(mechanism.names))
+    value = {name: X[i] for i, name in enumerate(mechanism.names)}
+    X_W: dict[str, ca.SX] = {}
+    for link in mechanism.ordered_links:
+        father = X_W[link.father] if isinstance(link, Series) else ca.SX.eye(4)
+        X_W[link.name] = father @ _constant_placement(link) @ _joint_transform(link.motions, value)
+    equations: list[ca.SX] = []
+    rows: list[Row] = []
+    for closure in mechanism.closures:
+        expression, names, unit = build_equations(closure, X_W, mechanism.planar)
+        equations.append(expression)
+        rows += [Row(name, unit) for name in names]
+    F = ca.vertcat(*equations) if equations else ca.SX(0, 1)
+    return ClosureGraph(mechanism, X, F, tuple(rows), X_W)
+
+
+@singledispatch
+def build_equations(
+    closure: Closure, X_W: Mapping[str, ca.SX], planar: bool
+) -> tuple[ca.SX, list[str], Literal["m", "1"]]:
+    """Build the equations of one closure.
+
+    Args:
+        closure: The closure.
+        X_W: Pose of every link in the world.
+        planar: Whether out-of-plane rows are left out.
+
+    Returns:
+        The residual, the name of each of its rows, and their unit.
+
+    Raises:
+        DefinitionError: The kind of closure is not known.
+    """
+    raise DefinitionError(f"no equations are known for a closure of type {type(closure).__name__}")
+
+
+@build_equations.register
+def _(closure: Coincidence, X_W: Mapping[str, ca.SX], planar: bool) -> tuple[ca.SX, list[str], Literal["m", "1"]]:
+    gap = _point(X_W[closure.link_A], closure.point_A) - _point(X_W[closure.link_B], closure.point_B)
+    axes = "xy" if planar else "xyz"
+    return gap[: len(axes)], [f"{closure.name} [{axis}]" for axis in axes], "m"
+
+
+def _point(X_WL: ca.SX, p_L: Any) -> ca.SX:
+    return X_WL[:3, :3] @ ca.DM(p_L) + X_WL[:3, 3]
+
+
+def _constant_placement(link: Link) -> ca.SX:
+    if not isinstance(link, (Base, Series)):
+        return ca.SX.eye(4)
+    X = ca.SX.eye(4)
+    # exact quarter turns keep the graph sparse: cos(pi/2) = 6e-17 would tie everything to everything
+    R = np.asarray(ca.DM(rotation_xyz(*link.rotation)))
+    R[np.abs(R) < 1e-15] = 0.0
+    X[:3, :3] = ca.sparsify(ca.DM(R))
+    X[:3, 3] = ca.sparsify(ca.DM(link.at))
+    return X
+
+
+def _joint_transform(motions: tuple[Motion, ...], value: Mapping[str, ca.SX]) -> ca.SX:
+    X = ca.SX.eye(4)
+    for m in motions:
+        step = ca.SX.eye(4)
+        if m.kind == "angle":
+            step[:3, :3] = rotation_about(m.axis, value[m.name])
+        else:
+            step["xyz".index(m.axis), 3] = value[m.name]
+        X = X @ step
+    return X

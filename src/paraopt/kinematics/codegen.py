@@ -1,0 +1,250 @@
+"""Compiled functions: generated C, cached on disk, where a compiler exists; CasADi's virtual machine otherwise."""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import functools
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from paraopt.errors import BackendError, DefinitionError
+
+logger = logging.getLogger("paraopt")
+
+Backend = Literal["auto", "compiled", "virtual machine"]
+Array = NDArray[np.float64]
+
+_FLAGS = ("-O1", "-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off")
+# the loop over a batch; argument k of sample i starts at in[k] + i*in_step[k]
+_DRIVER = r"""
+#include <stdlib.h>
+#ifdef _WIN32
+#define PARAOPT_EXPORT __declspec(dllexport)
+#else
+#define PARAOPT_EXPORT
+#endif
+PARAOPT_EXPORT int paraopt_batch(long long n, const double** in, const long long* in_step,
+                                 double** out, const long long* out_step) {
+  casadi_int na, nr, ni, nw, k; long long i; int flag = 0;
+  %(name)s_work(&na, &nr, &ni, &nw);
+  const double** arg = (const double**) malloc((na + 1)*sizeof(double*));
+  double** res = (double**) malloc((nr + 1)*sizeof(double*));
+  casadi_int* iw = (casadi_int*) malloc((ni + 1)*sizeof(casadi_int));
+  double* w = (double*) malloc((nw + 1)*sizeof(double));
+  if (!arg || !res || !iw || !w) flag = -1;
+  for (i = 0; i < n && !flag; ++i) {
+    for (k = 0; k < %(n_in)d; ++k) arg[k] = in[k] + i*in_step[k];
+    for (k = 0; k < %(n_out)d; ++k) res[k] = out[k] + i*out_step[k];
+    flag = %(name)s(arg, res, iw, w, 0);
+  }
+  free(arg); free(res); free(iw); free(w);
+  return flag;
+}
+"""
+
+
+def find_compiler() -> str | None:
+    """Find a C compiler: the one named by `PARAOPT_CC` or `CC`, else cc, gcc or clang; None when there is none.
+
+    `PARAOPT_COMPILE=0` in the environment hides it.
+    """
+    if os.environ.get("PARAOPT_COMPILE", "1") == "0":
+        return None
+    for candidate in (os.environ.get("PARAOPT_CC"), os.environ.get("CC"), "cc", "gcc", "clang"):
+        if candidate and (path := shutil.which(candidate)):
+            return path
+    return None
+
+
+def cache_folder() -> Path:
+    """Give the folder of compiled functions: `PARAOPT_CACHE`, else the user's cache folder, else a temporary one."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    if stated := os.environ.get("PARAOPT_CACHE"):
+        folder = Path(stated)
+    else:
+        folder = (Path(home) if home else Path("~/.cache").expanduser()) / "paraopt"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except OSError as error:
+        logger.info("cache folder %s cannot be used (%s)", folder, error)
+    return _temporary_folder()
+
+
+@functools.cache
+def _temporary_folder() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="paraopt-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+@functools.cache
+def _compiler_identity(compiler: str) -> str:
+    done = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
+    return f"{compiler}|{done.stdout.splitlines()[:1]}|{platform.machine()}|{platform.system()}"
+
+
+class CompiledFunction:
+    """Evaluate a CasADi function on NumPy arrays, one point or a batch at a time.
+
+    Arrays are row-major, so that a batch of (n, rows, columns) needs no copy.
+
+    Args:
+        function: A function of SX or MX expressions; inputs and outputs are treated as dense.
+        backend: "auto" compiles when a compiler is found, "compiled" insists on it, "virtual machine" never does.
+
+    Raises:
+        BackendError: `backend` is "compiled" and there is no compiler, or the compilation failed.
+    """
+
+    def __init__(self, function: ca.Function, backend: Backend = "auto") -> None:
+        if backend not in ("auto", "compiled", "virtual machine"):
+            raise DefinitionError(f"backend is {backend!r}; it must be 'auto', 'compiled' or 'virtual machine'")
+        self.name = function.name()
+        self.in_shapes = [tuple(function.size_in(i)) for i in range(function.n_in())]
+        self.out_shapes = [tuple(function.size_out(i)) for i in range(function.n_out())]
+        # transposed, because CasADi stores columns first and NumPy rows first
+        symbol = ca.SX.sym if function.is_a("SXFunction") else ca.MX.sym
+        inputs = [symbol(f"i{k}", c, r) for k, (r, c) in enumerate(self.in_shapes)]
+        outputs = function.call([i.T for i in inputs])
+        self._function = ca.Function(self.name, inputs, [ca.densify(o.T) for o in outputs])
+        self._in_sizes = [r * c for r, c in self.in_shapes]
+        self._out_sizes = [r * c for r, c in self.out_shapes]
+        self._library: Any = None
+        compiler = find_compiler() if backend != "virtual machine" else None
+        if backend == "compiled" and compiler is None:
+            raise BackendError(f"no C compiler was found for {self.name!r}; install one or use backend='auto'")
+        if compiler is not None:
+            try:
+                self._library = _load(self._function, compiler)
+            except (BackendError, OSError) as error:
+                if backend == "compiled":
+                    raise
+                logger.warning("%s runs in the virtual machine: %s", self.name, error)
+        if self._library is None:
+            self._chunk = 64
+            self._single = self._function.buffer()
+            self._mapped = self._function.map(self._chunk)
+            self._many = self._mapped.buffer()
+
+    @property
+    def is_compiled(self) -> bool:
+        """Tell whether generated C is used."""
+        return self._library is not None
+
+    def __call__(self, *arguments: Any) -> tuple[Array, ...]:
+        """Evaluate at one point.
+
+        Args:
+            arguments: One array for each input, of the input's shape or flat.
+
+        Returns:
+            One array of shape (rows, columns) for each output; columns of width 1 come as vectors.
+        """
+        arrays = [np.ascontiguousarray(a, dtype=float) for a in arguments]
+        for array, size, k in zip(arrays, self._in_sizes, range(len(arrays)), strict=True):
+            if array.size != size:
+                raise DefinitionError(f"input {k} of {self.name} has {array.size} numbers; it must have {size}")
+        results = [np.empty(size) for size in self._out_sizes]
+        self._run(1, arrays, [0] * len(arrays), results)
+        return tuple(r if s[1] == 1 else r.reshape(s) for r, s in zip(results, self.out_shapes, strict=True))
+
+    def batch(self, *arguments: Any) -> tuple[Array, ...]:
+        """Evaluate at n points without a Python loop in compiled code.
+
+        Args:
+            arguments: For each input an array (n, ...) of the input's shape per point, or one point for all.
+
+        Returns:
+            One array (n, rows, columns), or (n, rows) for columns of width 1, for each output.
+        """
+        arrays, steps, n = [], [], 1
+        for k, (argument, size, shape) in enumerate(zip(arguments, self._in_sizes, self.in_shapes, strict=True)):
+            array = np.ascontiguousarray(argument, dtype=float)
+            single = array.shape == shape or (shape[1] == 1 and array.shape == (shape[0],)) or array.ndim == 0
+            if single and array.size == size:
+                steps.append(0)
+            elif array.ndim and array.size == array.shape[0] * size:
+                if n not in (1, array.shape[0]) and any(steps):
+                    raise DefinitionError(f"input {k} of {self.name} has {array.shape[0]} points; others have {n}")
+                n = array.shape[0]
+                steps.append(size)
+            else:
+                raise DefinitionError(f"input {k} of {self.name} has shape {array.shape}; it must be (n, {shape})")
+            arrays.append(array)
+        results = [np.empty((n, size)) for size in self._out_sizes]
+        self._run(n, arrays, steps, results)
+        return tuple(r if s[1] == 1 else r.reshape(n, *s) for r, s in zip(results, self.out_shapes, strict=True))
+
+    def _run(self, n: int, arrays: list[Array], steps: list[int], results: list[Array]) -> None:
+        if n == 0:
+            return
+        if self._library is not None:
+            pointers_in = (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
+            pointers_out = (ctypes.c_void_p * len(results))(*[r.ctypes.data for r in results])
+            steps_in = (ctypes.c_longlong * len(steps))(*steps)
+            steps_out = (ctypes.c_longlong * len(results))(*self._out_sizes)
+            flag = self._library(n, pointers_in, steps_in, pointers_out, steps_out)
+            if flag != 0:
+                raise BackendError(f"compiled {self.name} returned {flag}")
+            return
+        flat_in = [a.reshape(-1, size) for a, size in zip(arrays, self._in_sizes, strict=True)]
+        flat_out = [r.reshape(n, -1) for r in results]
+        done = 0
+        while done < n:
+            take = self._chunk if n - done >= self._chunk else 1
+            buffer, trigger = self._many if take > 1 else self._single
+            held = []
+            for k, (block, step) in enumerate(zip(flat_in, steps, strict=True)):
+                part = np.tile(block, (take, 1)) if step == 0 else block[done : done + take]
+                held.append(np.ascontiguousarray(part).reshape(-1))
+                buffer.set_arg(k, held[-1].data)
+            for k, block in enumerate(flat_out):
+                buffer.set_res(k, block[done : done + take].reshape(-1).data)
+            trigger()
+            done += take
+
+
+def _load(function: ca.Function, compiler: str) -> Any:
+    """Compile a function, or take it from the cache, and return its batch entry point."""
+    name = function.name()
+    recipe = "|".join([ca.__version__, _compiler_identity(compiler), *_FLAGS, _DRIVER, function.serialize()])
+    key = hashlib.sha256(recipe.encode()).hexdigest()[:32]
+    target = cache_folder() / f"{name}-{key}.so"
+    if not target.exists():
+        _compile(function, compiler, target)
+    entry = ctypes.CDLL(str(target)).paraopt_batch
+    entry.restype = ctypes.c_int
+    entry.argtypes = [ctypes.c_longlong, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
+    return entry
+
+
+def _compile(function: ca.Function, compiler: str, target: Path) -> None:
+    name = function.name()
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".build-") as build:
+        source = Path(build) / f"{name}.c"
+        generator = ca.CodeGenerator(source.name)
+        generator.add(function)
+        code = generator.dump()
+        names = {"name": name, "n_in": function.n_in(), "n_out": function.n_out()}
+        source.write_text(code + _DRIVER % names)
+        product = source.with_suffix(".so")
+        command: Sequence[str] = [compiler, *_FLAGS, str(source), "-o", str(product), "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise BackendError(f"{compiler} failed on {name}: {done.stderr.strip()[:500]}", command=command)
+        os.replace(product, target)

@@ -1,0 +1,68 @@
+"""Ranks of scaled matrices, with the gap that says how far they can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+RANK_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class Rank:
+    """Hold a numerical rank.
+
+    Attributes:
+        value: Number of singular values above the tolerance.
+        smallest_kept: Smallest singular value that counts [1].
+        largest_dropped: Largest singular value that does not count [1].
+    """
+
+    value: int
+    smallest_kept: float
+    largest_dropped: float
+
+    @property
+    def gap(self) -> float:
+        """Give the ratio between the smallest value that counts and the largest that does not; inf when none is left."""
+        return self.smallest_kept / self.largest_dropped if self.largest_dropped > 0 else np.inf
+
+
+def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE) -> Rank:
+    """Count the singular values above a fraction of the largest one.
+
+    Args:
+        matrix: Scaled matrix [1].
+        tolerance: Fraction of the largest singular value below which a value counts as zero [1].
+
+    Returns:
+        The rank with the values on both sides of the cut.
+    """
+    if matrix.size == 0:
+        return Rank(0, 0.0, 0.0)
+    values = np.linalg.svd(matrix, compute_uv=False)
+    kept = values > tolerance * max(values[0], 1e-300)
+    count = int(np.count_nonzero(kept))
+    return Rank(count, float(values[count - 1]) if count else 0.0, float(values[count]) if count < len(values) else 0.0)
+
+
+def independent_rows(matrix: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:
+    """Choose rows that span all rows, by QR with column pivoting of the transpose.
+
+    Args:
+        matrix: Scaled matrix [1], shape (n_rows, n_columns).
+        tolerance: Fraction of the largest pivot below which a row counts as dependent [1].
+
+    Returns:
+        Indices of the chosen rows in ascending order; as many as the rank.
+    """
+    if matrix.size == 0:
+        return np.arange(0)
+    _, R, order = scipy.linalg.qr(matrix.T, mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R))
+    count = int(np.count_nonzero(pivots > tolerance * max(pivots[0], 1e-300)))
+    return np.sort(order[:count])

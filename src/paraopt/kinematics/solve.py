@@ -1,0 +1,196 @@
+"""The one act of every model: impose some variables, solve for the rest.
+
+`solve_closure` works on a batch: damped Newton on all rows at once, each sample with its own damping. `solve_nearest`
+answers where no exact solution exists: sequential quadratic programming on the distance to the imposed values, subject
+to the closures and the joint ranges.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import qpsolvers
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from paraopt.kinematics.functions import FunctionSet
+from paraopt.kinematics.ranks import independent_rows
+
+Array = NDArray[np.float64]
+
+
+class Status(Enum):
+    """Say how a solve ended."""
+
+    CONVERGED = "converged: the loops close with the imposed values"
+    NEAREST = "nearest: no exact solution was found; the loops close as near to the imposed values as possible"
+    SINGULAR = "singular: the loops close with the imposed values, but the solution is not unique"
+    FAILED = "failed: the loops could not be closed"
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """Choose how the loops are closed.
+
+    Attributes:
+        tolerance: Bound on the scaled closure residual of a converged solution [1].
+        iterations: Bound on the number of Newton iterations.
+        damping: First damping of the Levenberg-Marquardt step [1].
+        step_limit: Largest change of a variable in one iteration, in characteristic lengths or radians.
+        nearest_iterations: Bound on the iterations of the search for the nearest values.
+        nearest_tolerance: Scaled step at which the search for the nearest values ends [1].
+    """
+
+    tolerance: float = 1e-12
+    iterations: int = 60
+    damping: float = 1e-8
+    step_limit: float = 0.5
+    nearest_iterations: int = 80
+    nearest_tolerance: float = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureSolution:
+    """Hold the outcome of a batch solve.
+
+    Attributes:
+        X: Final values [m or rad], shape (n, n_variables).
+        residual: Largest scaled closure residual of each sample [1], shape (n,).
+        converged: Whether each residual is below the tolerance, shape (n,).
+        iterations: Number of iterations that the slowest sample took.
+    """
+
+    X: Array
+    residual: Array
+    converged: NDArray[np.bool_]
+    iterations: int
+
+
+def solve_closure(
+    functions: FunctionSet, X: Array, free: Array, options: SolveOptions | None = None
+) -> ClosureSolution:
+    """Close the loops from given starts by moving the free variables only.
+
+    A step that increases the residual is taken back and its damping raised, sample by sample. Near the solution
+    the damping vanishes and convergence is quadratic.
+
+    Args:
+        functions: Compiled functions of the mechanism.
+        X: Starts that already hold the imposed values [m or rad], shape (n, n_variables).
+        free: 1 for the variables that may move, 0 for the imposed ones; shape (n_variables,).
+        options: Tolerances and bounds.
+
+    Returns:
+        Final values with residual and verdict for every sample; samples with non-finite starts do not converge.
+
+    Source: Marquardt1963; Lahouar, II.3.
+    """
+    options = options or SolveOptions()
+    X = np.array(X, dtype=float, ndmin=2)
+    n = len(X)
+    scale = functions.graph.variable_scale
+    best = X.copy()
+    best_residual = np.full(n, np.inf)
+    damping = np.full(n, options.damping)
+    step = np.zeros_like(X)
+    active = np.flatnonzero(np.all(np.isfinite(X), axis=1))
+    iterations = 0
+    for iterations in range(1, options.iterations + 1):  # noqa: B007 - the count is reported
+        if not active.size:
+            break
+        trial = best[active] + step[active]
+        dX, f = functions.step.batch(trial, free, damping[active][:, None])
+        residual = np.max(np.abs(f), axis=1, initial=0.0)
+        better = residual < best_residual[active]
+        # not better: the step was too bold (or round-off is reached); damp it, from the best point
+        kept, lost = active[better], active[~better]
+        best[kept], best_residual[kept] = trial[better], residual[better]
+        damping[kept] = np.maximum(damping[kept] * 0.1, 1e-14)
+        size = np.max(np.abs(dX[better]) / scale, axis=1, initial=0.0)
+        step[kept] = dX[better] * np.minimum(1.0, options.step_limit / np.maximum(size, 1e-300))[:, None]
+        damping[lost] = np.maximum(damping[lost] * 30.0, 1e-8)
+        step[lost] *= 0.25
+        stuck = np.max(np.abs(step[active]) / scale, axis=1, initial=0.0) < 1e-15
+        active = active[~((best_residual[active] <= options.tolerance) | stuck)]
+    return ClosureSolution(best, best_residual, best_residual <= options.tolerance, iterations)
+
+
+def solve_nearest(
+    functions: FunctionSet,
+    start: Array,
+    target: Array,
+    weight: Array,
+    lower: Array,
+    upper: Array,
+    options: SolveOptions | None = None,
+) -> tuple[Array, int, bool]:
+    """Find the closed configuration nearest to wanted values, within the joint ranges.
+
+    `minimise 1/2 sum w_i^2 (X_i - target_i)^2 / s_i^2  subject to  F(X) = 0,  lower <= X <= upper`
+
+    by Gauss-Newton steps, each a quadratic program solved by OSQP on an independent subset of the closure rows.
+
+    Args:
+        functions: Compiled functions of the mechanism.
+        start: First guess [m or rad], shape (n_variables,).
+        target: Wanted values; entries of zero weight are ignored.
+        weight: Weight of each variable [1], zero where nothing is wanted.
+        lower: Lowest values, may be -inf.
+        upper: Highest values, may be inf.
+        options: Tolerances and bounds.
+
+    Returns:
+        The final values, the number of iterations, and whether the search settled.
+
+    Source: Lahouar, II.3; osqp.
+    """
+    options = options or SolveOptions()
+    scale = functions.graph.variable_scale
+    z, z_target = np.clip(start, lower, upper) / scale, np.where(weight > 0, target, 0.0) / scale
+    low, high = lower / scale, upper / scale
+    free = np.ones_like(z)
+    radius, penalty = options.step_limit, 10.0
+
+    def merit(point: Array) -> float:
+        f = functions.step(point * scale, free, np.array([1.0]))[1]
+        return float(0.5 * np.sum((weight * (point - z_target)) ** 2) + penalty * np.sum(np.abs(f)))
+
+    value = merit(z)
+    for iteration in range(1, options.nearest_iterations + 1):
+        (E,) = functions.scaled_jacobian(z * scale)
+        f = functions.step(z * scale, free, np.array([1.0]))[1]
+        rows = independent_rows(E)
+        P = sp.diags(weight**2 + 1e-6).tocsc()
+        q = weight**2 * (z - z_target)
+        problem = qpsolvers.Problem(
+            P,
+            q,
+            A=sp.csc_matrix(E[rows]),
+            b=-f[rows],
+            lb=np.maximum(low - z, -radius),
+            ub=np.minimum(high - z, radius),
+        )
+        with warnings.catch_warnings():  # an inexact step is judged by the merit function below
+            warnings.simplefilter("ignore", UserWarning)
+            answer = qpsolvers.solve_problem(
+                problem, solver="osqp", eps_abs=1e-8, eps_rel=1e-8, max_iter=4000, polishing=True
+            )
+        if answer.x is None or not np.all(np.isfinite(answer.x)):
+            radius = min(4.0 * radius, 4.0)  # the closures cannot be met within so small a step
+            if radius >= 4.0:
+                return z * scale, iteration, False
+            continue
+        d = np.clip(answer.x, np.maximum(low - z, -radius), np.minimum(high - z, radius))
+        trial_value = merit(z + d)
+        if trial_value < value:
+            z, value = z + d, trial_value
+            radius = min(2.0 * radius, options.step_limit)
+        else:
+            radius = 0.25 * float(np.max(np.abs(d)))
+        if np.max(np.abs(d)) < options.nearest_tolerance or radius < 1e-12:
+            return z * scale, iteration, True
+    return z * scale, options.nearest_iterations, False
+

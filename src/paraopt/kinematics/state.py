@@ -1,0 +1,282 @@
+"""The state of a mechanism at a configuration: mobility, ranks, signed determinants, distance to singularities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from paraopt.kinematics.configuration import Configuration
+from paraopt.kinematics.model import Kinematics
+from paraopt.kinematics.ranks import Rank, compute_rank, independent_rows
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StateReport:
+    """Report what the closure equations say at one configuration.
+
+    Attributes:
+        mechanism_name: Name of the mechanism.
+        n_variables: Number of variables N.
+        n_equations: Number of closure equations.
+        ranks: Ranks of the scaled matrices "E", "M", "N", "K", "[N K]" and "[M N]".
+        mobility: Degrees of freedom `m = N - rg(E)`.
+        idle: Names of the variables with an empty column: internal mobilities.
+        redundant_rows: Number of equations beyond the rank of E.
+        independent_rows: Indices of a subset of equations that spans all of them.
+        parallel_margin: Distance to a parallel singularity in [0, 1]; see `compute_margins`.
+        serial_margin: Distance to a serial singularity in [0, 1].
+        parallel_determinant: Signed, normalised determinant of [N K]; nan when it is not square.
+        serial_determinant: Signed, normalised determinant of [M N]; nan when it is not square.
+
+    Source: Lahouar, II.2.
+    """
+
+    mechanism_name: str
+    n_variables: int
+    n_equations: int
+    ranks: dict[str, Rank]
+    mobility: int
+    idle: tuple[str, ...]
+    redundant_rows: int
+    independent_rows: NDArray[np.intp]
+    parallel_margin: float
+    serial_margin: float
+    parallel_determinant: float
+    serial_determinant: float
+
+    @property
+    def useful_mobility(self) -> int:
+        """Give the degrees of freedom that are not idle."""
+        return self.mobility - len(self.idle)
+
+    def __str__(self) -> str:
+        ranks = ", ".join(f"rg {name} = {rank.value}" for name, rank in self.ranks.items())
+        return (
+            f"{self.mechanism_name}: {self.n_variables} variables, {self.n_equations} equations, {ranks}\n"
+            f"mobility {self.mobility} = {self.useful_mobility} useful + {len(self.idle)} idle {list(self.idle)}, "
+            f"{self.redundant_rows} redundant equations, rank gap {self.ranks['E'].gap:.1e}\n"
+            f"parallel margin {self.parallel_margin:.4f}, serial margin {self.serial_margin:.4f}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Determinants:
+    """Evaluate signed determinants of [N K] and [M N] on a fixed choice of rows and columns.
+
+    Rows are independent equations and columns leave out idle variables, both chosen at a regular configuration. The
+    values are divided by the volume of the chosen rows, `sqrt(det(E E^T))`, which makes them free of the choice of
+    equations: they lie in [-1, 1], and zero means singular.
+
+    Attributes:
+        kinematics: The mechanism's functions.
+        rows: Chosen equations.
+        columns: Columns that are not idle.
+        parallel_columns: Chosen columns of [N K].
+        serial_columns: Chosen columns of [M N].
+    """
+
+    kinematics: Kinematics
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    parallel_columns: NDArray[np.intp]
+    serial_columns: NDArray[np.intp]
+
+    @classmethod
+    def at(cls, kinematics: Kinematics, configuration: Configuration) -> Determinants:
+        """Choose rows and columns at a regular configuration."""
+        (E,) = kinematics.functions.scaled_jacobian(configuration.X)
+        a, o = len(kinematics.mechanism.active), len(kinematics.mechanism.operational)
+        used = np.flatnonzero(np.max(np.abs(E), axis=0, initial=0.0) > 1e-12)
+        return cls(kinematics, independent_rows(E), used, used[used >= a], used[used < E.shape[1] - o])
+
+    @property
+    def has_parallel(self) -> bool:
+        """Tell whether the chosen [N K] is square."""
+        return len(self.parallel_columns) == len(self.rows)
+
+    @property
+    def has_serial(self) -> bool:
+        """Tell whether the chosen [M N] is square."""
+        return len(self.serial_columns) == len(self.rows)
+
+    def __call__(self, X: ArrayLike) -> tuple[Array, Array]:
+        """Evaluate at n points.
+
+        Args:
+            X: Values, shape (n, n_variables).
+
+        Returns:
+            Normalised determinants of [N K] and of [M N] [1], shape (n,) each; nan where not square.
+        """
+        (E,) = self.kinematics.functions.scaled_jacobian.batch(np.atleast_2d(np.asarray(X, dtype=float)))
+        chosen = E[:, self.rows, :]
+        whole = chosen[:, :, self.columns]
+        volume = 0.5 * np.linalg.slogdet(whole @ whole.transpose(0, 2, 1))[1]
+
+        def determinant(columns: NDArray[np.intp], square: bool) -> Array:
+            if not square:
+                return np.full(len(E), np.nan)
+            sign, logarithm = np.linalg.slogdet(chosen[:, :, columns])
+            return sign * np.exp(logarithm - volume)
+
+        return determinant(self.parallel_columns, self.has_parallel), determinant(self.serial_columns, self.has_serial)
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """Hold distances to singularities along n configurations.
+
+    Attributes:
+        parallel: Smallest singular value of the active rows of an orthonormal basis of the motions [1], shape (n,).
+        serial: Same for the operational rows, shape (n,).
+        log_parallel: Logarithm of the volume of the active rows, shape (n,).
+        log_serial: Logarithm of the volume of the operational rows, shape (n,).
+    """
+
+    parallel: Array
+    serial: Array
+    log_parallel: Array
+    log_serial: Array
+
+
+class MotionSpace:
+    """Judge singularities from the motions that the closures allow.
+
+    Let the columns of V be an orthonormal basis of the scaled motions, `E V = 0` (idle ones left out). The smallest
+    singular value of its active rows V_a is zero exactly where [N K] loses rank: some motion needs no actuator. It
+    lies in [0, 1], does not depend on how the equations are written, and says that actuator motions are amplified into
+    motions of the whole at most 1 / margin times. The operational rows V_x tell serial singularities alike. With as
+    many actuators as motions, |det V_a| is the normalised determinant of [N K].
+
+    Args:
+        kinematics: The mechanism's functions.
+        independent: Coordinates that parametrise the motions; the operational ones when None.
+    """
+
+    def __init__(self, kinematics: Kinematics, independent: Sequence[str] | None = None) -> None:
+        self.kinematics = kinematics
+        mechanism = kinematics.mechanism
+        self.independent = tuple(independent) if independent is not None else tuple(mechanism.operational)
+        self._active = mechanism.indices(mechanism.active)
+        self._operational = mechanism.indices(mechanism.operational)
+
+    @cached_property
+    def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        k, j = np.triu_indices(len(self.independent))
+        return k, j
+
+    def tangent(self, X: ArrayLike) -> Array:
+        """Give `T = dX / d independent` [unscaled], shape (n, n_variables, m)."""
+        return self.kinematics.tangent(X, self.independent)
+
+    def margins(self, X: ArrayLike, T: Array | None = None) -> Margins:
+        """Compute the margins at n closed configurations.
+
+        Args:
+            X: Closed configurations, shape (n, n_variables).
+            T: Their tangents, when already known.
+
+        Returns:
+            Margins and log-volumes.
+        """
+        T = self.tangent(X) if T is None else T
+        V = np.linalg.qr(T / self.kinematics.graph.variable_scale[:, None])[0]
+        parallel, log_parallel = _smallest_and_volume(V[:, self._active])
+        serial, log_serial = _smallest_and_volume(V[:, self._operational])
+        return Margins(parallel, serial, log_parallel, log_serial)
+
+    def margin_gradients(self, X: ArrayLike, T: Array) -> tuple[Margins, Array, Array, Array, Array]:
+        """Compute the margins and their exact gradients with respect to the independent coordinates.
+
+        Args:
+            X: Closed configurations, shape (n, n_variables).
+            T: Their tangents, shape (n, n_variables, m).
+
+        Returns:
+            The margins, and the gradients of parallel, serial, log_parallel and log_serial, shape (n, m) each.
+        """
+        n, _, m = T.shape
+        scale = self.kinematics.graph.variable_scale[:, None]
+        k, j = self._pairs
+        H = self.kinematics.curvature(X, T[:, :, k], T[:, :, j], self.independent) / scale
+        S = T / scale
+        dS = np.empty((n, S.shape[1], m, m))  # derivative of column j along coordinate k
+        dS[:, :, k, j] = H
+        dS[:, :, j, k] = H
+        gram = S.transpose(0, 2, 1) @ S
+        inverse = np.linalg.inv(gram)
+        # d log sqrt(det(S^T S)) = tr((S^T S)^-1 S^T dS)
+        d_log_all = np.einsum("nab,nvb,nvak->nk", inverse, S, dS)
+        results: list[Array] = []
+        values: list[Array] = []
+        for rows in (self._active, self._operational):
+            A, dA = S[:, rows], dS[:, rows]
+            gram_rows = A.transpose(0, 2, 1) @ A
+            sigma2, w = _smallest_generalised(gram_rows, gram)
+            Sw, Aw = np.einsum("nvb,nb->nv", S, w), np.einsum("nvb,nb->nv", A, w)
+            d_sigma2 = 2.0 * (
+                np.einsum("nv,nvbk,nb->nk", Aw, dA, w) - sigma2[:, None] * np.einsum("nv,nvbk,nb->nk", Sw, dS, w)
+            )
+            sigma = np.sqrt(np.maximum(sigma2, 1e-300))
+            d_log_rows = np.einsum("nab,nvb,nvak->nk", np.linalg.pinv(gram_rows, hermitian=True), A, dA)
+            values += [sigma, 0.5 * (np.linalg.slogdet(gram_rows)[1] - np.linalg.slogdet(gram)[1])]
+            results += [d_sigma2 / (2.0 * sigma[:, None]), d_log_rows - d_log_all]
+        margins = Margins(values[0], values[2], values[1], values[3])
+        return margins, results[0], results[2], results[1], results[3]
+
+
+def report_state(kinematics: Kinematics, configuration: Configuration) -> StateReport:
+    """Analyse the closure equations at a configuration.
+
+    Args:
+        kinematics: The mechanism's functions.
+        configuration: Where to analyse.
+
+    Returns:
+        Mobility, ranks on the scaled matrices, and distances to singularities.
+
+    Source: Lahouar, II.22; Lahouar, II.23; GosselinAngeles1990.
+    """
+    mechanism = kinematics.mechanism
+    (E,) = kinematics.functions.scaled_jacobian(configuration.X)
+    a, o = len(mechanism.active), len(mechanism.operational)
+    split = E.shape[1] - o
+    ranks = {
+        "E": compute_rank(E),
+        "M": compute_rank(E[:, :a]),
+        "N": compute_rank(E[:, a:split]),
+        "K": compute_rank(E[:, split:]),
+        "[N K]": compute_rank(E[:, a:]),
+        "[M N]": compute_rank(E[:, :split]),
+    }
+    used = np.max(np.abs(E), axis=0, initial=0.0) > 1e-12
+    idle = tuple(name for name, u in zip(mechanism.names, used, strict=True) if not u)
+    margins = MotionSpace(kinematics).margins(configuration.X)
+    parallel, serial = Determinants.at(kinematics, configuration)(configuration.X)
+    return StateReport(
+        mechanism.name, E.shape[1], E.shape[0], ranks, E.shape[1] - ranks["E"].value, idle,
+        E.shape[0] - ranks["E"].value, independent_rows(E), float(margins.parallel[0]), float(margins.serial[0]),
+        float(parallel[0]), float(serial[0]),
+    )  # fmt: skip
+
+
+def _smallest_and_volume(rows: Array) -> tuple[Array, Array]:
+    if rows.shape[1] < rows.shape[2]:  # fewer imposed variables than motions: some motion is always free
+        return np.zeros(len(rows)), np.full(len(rows), -np.inf)
+    values = np.linalg.svd(rows, compute_uv=False)
+    return values[:, -1], np.sum(np.log(np.maximum(values, 1e-300)), axis=1)
+
+
+def _smallest_generalised(A: Array, B: Array) -> tuple[Array, Array]:
+    """Give the smallest eigenvalue of `A w = lambda B w` with `w^T B w = 1`, for stacks of symmetric matrices."""
+    L = np.linalg.cholesky(B)
+    inverse = np.linalg.inv(L)
+    values, vectors = np.linalg.eigh(inverse @ A @ inverse.transpose(0, 2, 1))
+    w = np.einsum("nba,nb->na", inverse, vectors[:, :, 0])
+    return values[:, 0], w

@@ -1,0 +1,247 @@
+"""The mechanism: a tree of links, closures between them, and a role for every variable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from paraopt.errors import DefinitionError, unknown_name
+from paraopt.mechanism.closures import Closure, Coincidence
+from paraopt.mechanism.joints import Kind, Motion, Range
+from paraopt.mechanism.links import PLANAR_COORDINATES, Base, Link, Mobile, Series
+
+Role = Literal["active", "passive", "operational"]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Describe one variable of the mechanism.
+
+    Attributes:
+        name: Name.
+        kind: "angle" [rad] or "length" [m].
+        role: "active", "passive" or "operational".
+        link: Name of the link that it moves.
+        range: Lowest and highest value [rad or m].
+    """
+
+    name: str
+    kind: Kind
+    role: Role
+    link: str
+    range: Range
+
+    @property
+    def unit(self) -> str:
+        """Give the unit: "rad" or "m"."""
+        return "rad" if self.kind == "angle" else "m"
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Describe a machine whose links form closed loops.
+
+    Attributes:
+        name: Name of the machine.
+        links: One `Base`, and any number of `Series` and `Mobile` links, in any order.
+        closures: Conditions that close the loops.
+        active: Names of the variables that actuators drive, in the user's order.
+        operational: Names of the variables that state the task, in the user's order.
+        planar: Whether the machine moves in the plane z = 0; out-of-plane equations are then never built.
+        characteristic_length: Length that makes matrices free of units [m]; the mean distance between the points of
+            the description when None.
+
+    Raises:
+        DefinitionError: The description is faulty; the message names the fault.
+    """
+
+    name: str
+    links: Sequence[Link]
+    closures: Sequence[Closure]
+    active: Sequence[str]
+    operational: Sequence[str]
+    planar: bool = False
+    characteristic_length: float | None = None
+
+    def __post_init__(self) -> None:
+        for field in ("links", "closures", "active", "operational"):
+            value = getattr(self, field)
+            if isinstance(value, str):
+                raise DefinitionError(f"{field} of {self.name!r} is the string {value!r}; it must be a sequence")
+            object.__setattr__(self, field, tuple(value))
+        if self.planar:
+            self._complete_planar_links()
+        self._check_links()
+        self._check_closures()
+        self._check_variables()
+        if self.characteristic_length is not None:
+            length = float(self.characteristic_length)
+            if not (np.isfinite(length) and length > 0):
+                raise DefinitionError(f"characteristic length of {self.name!r} is {length} m; it must be above 0")
+
+    # -- reading ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        """List every variable in the order of X: active, passive, operational."""
+        declared = {m.name: (m, link.name) for link in self.links for m in link.motions}
+        taken = {*self.active, *self.operational}
+        passive = [name for name in declared if name not in taken]
+
+        def build(names: Iterable[str], role: Role) -> list[Variable]:
+            return [Variable(n, declared[n][0].kind, role, declared[n][1], declared[n][0].range) for n in names]
+
+        return tuple(
+            build(self.active, "active") + build(passive, "passive") + build(self.operational, "operational")
+        )
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """List the names of the variables in the order of X."""
+        return tuple(v.name for v in self.variables)
+
+    @property
+    def passive(self) -> tuple[str, ...]:
+        """List the variables that are neither active nor operational."""
+        return tuple(v.name for v in self.variables if v.role == "passive")
+
+    @property
+    def base(self) -> Base:
+        """Give the base link."""
+        return next(link for link in self.links if isinstance(link, Base))
+
+    @cached_property
+    def length(self) -> float:
+        """Give the characteristic length [m], stated or computed."""
+        if self.characteristic_length is not None:
+            return float(self.characteristic_length)
+        points = [link.at for link in self.links if isinstance(link, Series)]
+        points += [p for c in self.closures if isinstance(c, Coincidence) for p in (c.point_A, c.point_B)]
+        distances = [float(np.linalg.norm(p)) for p in points]
+        positive = [d for d in distances if d > 0.0]
+        return float(np.mean(positive)) if positive else 1.0
+
+    def link(self, name: str) -> Link:
+        """Find a link by name.
+
+        Raises:
+            UnknownNameError: There is no such link.
+        """
+        for link in self.links:
+            if link.name == name:
+                return link
+        raise unknown_name(f"link of {self.name!r}", name, (link.name for link in self.links))
+
+    def index(self, name: str) -> int:
+        """Find the position of a variable in X.
+
+        Raises:
+            UnknownNameError: There is no such variable.
+        """
+        try:
+            return self._positions[name]
+        except KeyError:
+            raise unknown_name(f"variable of {self.name!r}", name, self.names) from None
+
+    def indices(self, names: Iterable[str]) -> list[int]:
+        """Find the positions of several variables in X."""
+        return [self.index(name) for name in names]
+
+    @cached_property
+    def _positions(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.names)}
+
+    @cached_property
+    def ordered_links(self) -> tuple[Link, ...]:
+        """List the links with every father before its sons."""
+        done: dict[str, Link] = {link.name: link for link in self.links if not isinstance(link, Series)}
+        waiting = [link for link in self.links if isinstance(link, Series)]
+        while waiting:
+            ready = [link for link in waiting if link.father in done]
+            if not ready:
+                circle = ", ".join(repr(link.name) for link in waiting)
+                raise DefinitionError(f"fathers of {self.name!r} form a cycle among the links {circle}")
+            done.update((link.name, link) for link in ready)
+            waiting = [link for link in waiting if link.name not in done]
+        return tuple(done.values())
+
+    # -- checking --------------------------------------------------------------------------------------------------
+
+    def _complete_planar_links(self) -> None:
+        links = [
+            Mobile(k.name, PLANAR_COORDINATES, k.prefix, k.ranges)
+            if isinstance(k, Mobile) and k.coordinates is None
+            else k
+            for k in self.links
+        ]
+        object.__setattr__(self, "links", tuple(links))
+        for link in links:
+            for m in link.motions:
+                if (m.kind == "angle") != (m.axis == "z"):
+                    raise DefinitionError(
+                        f"{self.name!r} is planar, but {m.name!r} of link {link.name!r} is {_describe(m)}; "
+                        "rotations must be about z and translations along x or y"
+                    )
+            at, rotation = getattr(link, "at", (0, 0, 0)), getattr(link, "rotation", (0, 0, 0))
+            if at[2] != 0 or rotation[0] != 0 or rotation[1] != 0:
+                raise DefinitionError(f"{self.name!r} is planar, but link {link.name!r} is placed out of its plane")
+        for c in self.closures:
+            if isinstance(c, Coincidence) and (c.point_A[2] != 0 or c.point_B[2] != 0):
+                raise DefinitionError(f"{self.name!r} is planar, but closure {c.name!r} has a point out of its plane")
+
+    def _check_links(self) -> None:
+        for link in self.links:
+            if not isinstance(link, (Base, Series, Mobile)):
+                raise DefinitionError(f"{self.name!r} has {link!r} among its links; it must be Base, Series or Mobile")
+        bases = [link.name for link in self.links if isinstance(link, Base)]
+        if len(bases) != 1:
+            raise DefinitionError(f"{self.name!r} has {len(bases)} base links {bases}; it must have exactly one")
+        _check_unique("link", (link.name for link in self.links), self.name)
+        known = {link.name for link in self.links}
+        for link in self.links:
+            if isinstance(link, Series) and link.father not in known:
+                raise unknown_name(f"father of link {link.name!r}", link.father, sorted(known - {link.name}))
+        _ = self.ordered_links
+
+    def _check_closures(self) -> None:
+        known = [link.name for link in self.links]
+        for closure in self.closures:
+            if not isinstance(closure, Closure):
+                raise DefinitionError(f"{self.name!r} has {closure!r} among its closures; it must be a Closure")
+            for end in (closure.link_A, closure.link_B):
+                if end not in known:
+                    raise unknown_name(f"link in closure {getattr(closure, 'name', '')!r}", end, known)
+            if closure.link_A == closure.link_B:
+                raise DefinitionError(f"closure {getattr(closure, 'name', '')!r} ties {closure.link_A!r} to itself")
+
+    def _check_variables(self) -> None:
+        declared = [m.name for link in self.links for m in link.motions]
+        _check_unique("variable", declared, self.name)
+        for role in ("active", "operational"):
+            for name in getattr(self, role):
+                if name not in declared:
+                    raise unknown_name(f"{role} variable of {self.name!r}", name, declared)
+            _check_unique(f"{role} variable", getattr(self, role), self.name)
+        both = [name for name in self.active if name in self.operational]
+        if both:
+            raise DefinitionError(f"variable {both[0]!r} of {self.name!r} is both active and operational; choose one")
+        if not self.active:
+            raise DefinitionError(f"{self.name!r} has no active variable; name at least one")
+        if not self.operational:
+            raise DefinitionError(f"{self.name!r} has no operational variable; name at least one")
+
+
+def _describe(motion: Motion) -> str:
+    return f"a rotation about {motion.axis}" if motion.kind == "angle" else f"a translation along {motion.axis}"
+
+
+def _check_unique(kind: str, names: Iterable[str], owner: str) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise DefinitionError(f"{kind} {name!r} appears twice in {owner!r}; names must be unique")
+        seen.add(name)

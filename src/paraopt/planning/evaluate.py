@@ -1,0 +1,96 @@
+"""All that a refiner needs at n samples of a path, with exact first derivatives, in batches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from paraopt.planning.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SampleValues:
+    """Hold values and gradients at n samples; gradients are with respect to the independent coordinates.
+
+    Attributes:
+        converged: Whether the closures hold at every sample, on the branch of the start.
+        X: Configurations, shape (n, n_variables).
+        bounded: Variables with a finite range, in lengths or radians over their scale [1], shape (n, b).
+        d_bounded: Shape (n, b, m).
+        margins: Parallel and serial margin [1], shape (n, 2).
+        d_margins: Shape (n, 2, m).
+        logarithms: Logarithms of both normalised determinants [1], shape (n, 2).
+        d_logarithms: Shape (n, 2, m).
+        distances: Signed distances of the near pairs [m], shape (n, k).
+        d_distances: Shape (n, k, m).
+    """
+
+    converged: bool
+    X: Array
+    bounded: Array
+    d_bounded: Array
+    margins: Array
+    d_margins: Array
+    logarithms: Array
+    d_logarithms: Array
+    distances: Array
+    d_distances: Array
+
+
+class SampleEvaluator:
+    """Evaluate samples of a path from a known neighbouring configuration of each.
+
+    Args:
+        problem: The problem.
+        X: A configuration near each sample, shape (n, n_variables); follows the samples as they move.
+        pairs: Near pairs whose distances are wanted.
+    """
+
+    def __init__(self, problem: Problem, X: Array, pairs: NDArray[np.intp]) -> None:
+        self.problem, self.pairs = problem, pairs
+        mechanism = problem.robot.mechanism
+        low, high = problem.bounds.bounds(mechanism)
+        self._independent = mechanism.indices(problem.independent)
+        self.bounded = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
+        self._scale = problem.robot.kinematics.graph.variable_scale
+        self.low, self.high = (low / self._scale)[self.bounded], (high / self._scale)[self.bounded]
+        self._near = X.copy()
+        self._near_T = problem.space.tangent(X)
+        self._signs = np.sign(self._orientation(self._near_T))
+        self.evaluations = 0
+
+    def _orientation(self, T: Array) -> Array:
+        """Give the determinant of the motions of the actuators where it is square; its sign tells the branch."""
+        rows = T[:, self.problem.robot.mechanism.indices(self.problem.robot.mechanism.active)]
+        return np.linalg.det(rows) if rows.shape[1] == rows.shape[2] else np.ones(len(rows))
+
+    def __call__(self, values: Array) -> SampleValues:
+        """Evaluate at n samples of the independent coordinates, shape (n, m)."""
+        self.evaluations += 1
+        problem, kinematics = self.problem, self.problem.robot.kinematics
+        predicted = self._near + np.einsum("nvm,nm->nv", self._near_T, values - self._near[:, self._independent])
+        closed = kinematics.solve_batch(problem.independent, values, predicted)
+        X = closed.X
+        good = bool(np.all(closed.converged))
+        T = problem.space.tangent(X)
+        margins, dp, ds, dlp, dls = problem.space.margin_gradients(X, T)
+        good = good and bool(np.all(np.sign(self._orientation(T)) == self._signs))
+        distances = problem.scene.distances(X, self.pairs, T)
+        if good:
+            self._near, self._near_T = X, T
+        return SampleValues(
+            good,
+            X,
+            (X / self._scale)[:, self.bounded],
+            (T / self._scale[:, None])[:, self.bounded],
+            np.column_stack([margins.parallel, margins.serial]),
+            np.stack([dp, ds], axis=1),
+            np.column_stack([margins.log_parallel, margins.log_serial]),
+            np.stack([dlp, dls], axis=1),
+            distances.values,
+            distances.gradients,
+        )

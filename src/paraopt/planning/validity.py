@@ -1,0 +1,166 @@
+"""Whether a pose may be part of a motion, for batches: closures on the same branch, limits, margins, clearance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from paraopt.errors import InfeasibleError
+from paraopt.kinematics import SolveOptions
+from paraopt.planning.problem import Problem
+
+Array = NDArray[np.float64]
+
+VALID = "valid"
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Hold the judgement of n poses.
+
+    Attributes:
+        valid: Whether each pose may be used, shape (n,).
+        X: Values of all variables at each pose, shape (n, n_variables).
+        T: Motions `dX / d independent` where valid, else zero; shape (n, n_variables, m).
+        reasons: "valid", or what is wrong first: "closure", "limit of ...", "branch", "singularity", "collision ...".
+    """
+
+    valid: NDArray[np.bool_]
+    X: Array
+    T: Array
+    reasons: tuple[str, ...]
+
+
+class Validity:
+    """Judge poses of a problem in the independent coordinates.
+
+    Cheap tests come first, and the later ones see only the poses that passed the earlier ones.
+
+    Args:
+        problem: The problem.
+        reach: Largest departure of any variable from its linear prediction, in characteristic lengths or radians; beyond
+            it the branch counts as lost.
+    """
+
+    def __init__(self, problem: Problem, reach: float = 0.5) -> None:
+        self.problem = problem
+        self.reach = reach
+        self.checks = 0
+        self._low, self._high = problem.bounds.bounds(problem.robot.mechanism)
+        self._independent = problem.robot.mechanism.indices(problem.independent)
+        self._names = problem.robot.mechanism.names
+        self._scale = problem.robot.kinematics.graph.variable_scale
+        self._options = SolveOptions(iterations=25)
+
+    @cached_property
+    def signs(self) -> tuple[float, float]:
+        """Give the signs of the determinants of [N K] and [M N] at the start; nan where not square."""
+        parallel, serial = self.problem.determinants(self.problem.start_configuration.X)
+        return float(np.sign(parallel[0])), float(np.sign(serial[0]))
+
+    def judge(self, values: Array, starts: Array, tangents: Array) -> Verdict:
+        """Solve and judge n poses.
+
+        Args:
+            values: Independent coordinates, shape (n, m).
+            starts: A neighbouring configuration for each pose, shape (n, n_variables).
+            tangents: Motions `dX / d independent` at the starts, shape (n, n_variables, m).
+
+        Returns:
+            The verdict.
+        """
+        predicted = starts + np.einsum("nvm,nm->nv", tangents, values - starts[:, self._independent])
+        closed = self.problem.robot.kinematics.solve_batch(
+            self.problem.independent, values, predicted, self._options
+        )
+        n = len(closed.X)
+        self.checks += n
+        reasons = np.full(n, VALID, dtype=object)
+        reasons[~closed.converged] = "closure"
+        jump = np.max(np.abs(closed.X - predicted) / self._scale, axis=1)
+        reasons[closed.converged & (jump > self.reach)] = "branch"
+        return self._judge_closed(closed.X, reasons)
+
+    def judge_configurations(self, X: Array) -> Verdict:
+        """Judge n closed configurations, shape (n, n_variables)."""
+        self.checks += len(X)
+        return self._judge_closed(X, np.full(len(X), VALID, dtype=object))
+
+    def _judge_closed(self, X: Array, reasons: NDArray[np.object_]) -> Verdict:
+        problem = self.problem
+        excess = np.maximum(self._low - X, X - self._high) / self._scale
+        worst = np.argmax(excess, axis=1)
+        for i in np.flatnonzero((reasons == VALID) & (np.max(excess, axis=1) > 1e-9)):
+            reasons[i] = f"limit of {self._names[worst[i]]}"
+        if (left := np.flatnonzero(reasons == VALID)).size:
+            parallel, serial = problem.determinants(X[left])
+            wrong = np.zeros(len(left), dtype=bool)
+            for value, sign in zip((parallel, serial), self.signs, strict=True):
+                wrong |= ~np.isnan(value) & (np.sign(value) != sign) & (sign == sign)
+            reasons[left[wrong]] = "branch"
+        T = np.zeros((*X.shape, len(self._independent)))
+        if (left := np.flatnonzero(reasons == VALID)).size:
+            T[left] = problem.space.tangent(X[left])
+            margins = problem.space.margins(X[left], T[left])
+            close = np.minimum(margins.parallel, margins.serial) < problem.margins.singularity
+            reasons[left[close]] = "singularity"
+        if problem.scene.pairs and (left := np.flatnonzero(reasons == VALID)).size:
+            for i, pair in zip(left, problem.scene.too_close(X[left], problem.margins.clearance), strict=True):
+                if pair >= 0:
+                    reasons[i] = f"collision {problem.scene.pairs[pair].name}"
+        return Verdict(reasons == VALID, X, T, tuple(reasons.tolist()))
+
+
+def check_ends(problem: Problem, validity: Validity) -> None:
+    """Refuse a problem whose start or goal is not valid, or whose ends lie on different branches.
+
+    Args:
+        problem: The problem.
+        validity: Its judge.
+
+    Raises:
+        InfeasibleError: The message names the end, what is wrong there, the value and the bound.
+    """
+    for label, configuration in (
+        ("start", problem.start_configuration),
+        ("goal", problem.goal_configuration),
+    ):
+        X = configuration.X[None, :]
+        verdict = validity.judge_configurations(X)
+        if verdict.valid[0]:
+            continue
+        reason = verdict.reasons[0]
+        raise InfeasibleError(f"{label} {_explain(problem, X, reason)}", configuration=configuration, reason=reason)
+
+
+def _explain(problem: Problem, X: Array, reason: str) -> str:
+    mechanism = problem.robot.mechanism
+    if reason.startswith("collision"):
+        distance, pair = problem.scene.clearances(X)
+        return (
+            f"is in collision or too close: {problem.scene.pairs[pair[0]].name} at {1e3 * distance[0]:.2f} mm, "
+            f"the clearance margin is {1e3 * problem.margins.clearance:.2f} mm; move the obstacle or the pose"
+        )
+    if reason == "singularity":
+        margins = problem.space.margins(X)
+        return (
+            f"is too near a singularity: parallel margin {margins.parallel[0]:.4f}, serial margin "
+            f"{margins.serial[0]:.4f}, the bound is {problem.margins.singularity:.4f}"
+        )
+    if reason.startswith("limit of "):
+        name = reason.removeprefix("limit of ")
+        i = mechanism.index(name)
+        low, high = problem.bounds.bounds(mechanism)
+        unit = mechanism.variables[i].unit
+        return f"is out of the range of {name!r}: {X[0, i]:.6g} {unit} is not in [{low[i]:.6g}, {high[i]:.6g}] {unit}"
+    ours, theirs = problem.determinants(problem.start_configuration.X), problem.determinants(X)
+    changed = [k for k, a, b in zip(("[N K]", "[M N]"), ours, theirs, strict=True) if np.sign(a[0]) != np.sign(b[0])]
+    kinds = {"[N K]": "a parallel singularity", "[M N]": "a serial singularity"}
+    between = " and ".join(kinds[k] for k in changed)
+    return (
+        f"lies on another branch than the start: the determinant of {' and '.join(changed)} has the other sign, "
+        f"so every motion between them crosses {between}"
+    )

@@ -1,0 +1,159 @@
+"""The machine: a mechanism with shapes on its links, limits of its drives, masses, and a home configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from paraopt.errors import DefinitionError, unknown_name
+from paraopt.kinematics import Configuration, Kinematics
+from paraopt.mechanism import Mechanism
+from paraopt.mechanism.joints import Range
+from paraopt.shapes import Shape
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bound the motion, by name of variable.
+
+    Attributes:
+        position: Lowest and highest value [m or rad]; narrows the ranges of the joints.
+        velocity: Largest speed [m/s or rad/s].
+        acceleration: Largest acceleration [m/s^2 or rad/s^2].
+        jerk: Largest jerk [m/s^3 or rad/s^3].
+
+    Raises:
+        DefinitionError: A bound is not a finite number above zero, or a range is empty.
+    """
+
+    position: Mapping[str, Range] = field(default_factory=dict)
+    velocity: Mapping[str, float] = field(default_factory=dict)
+    acceleration: Mapping[str, float] = field(default_factory=dict)
+    jerk: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for quantity in ("velocity", "acceleration", "jerk"):
+            values = dict(getattr(self, quantity))
+            for name, value in values.items():
+                if not (isinstance(value, (int, float, np.floating)) and np.isfinite(value) and value > 0):
+                    raise DefinitionError(f"{quantity} limit of {name!r} is {value!r}; it must be finite and above 0")
+                values[name] = float(value)
+            object.__setattr__(self, quantity, MappingProxyType(values))
+        ranges = dict(self.position)
+        for name, bounds in ranges.items():
+            low, high = (float(b) for b in bounds)
+            if not low < high:
+                raise DefinitionError(f"position limit of {name!r} is ({low}, {high}); its low end must be below its high end")
+            ranges[name] = (low, high)
+        object.__setattr__(self, "position", MappingProxyType(ranges))
+
+    def check_names(self, mechanism: Mechanism) -> None:
+        """Refuse limits of variables that do not exist.
+
+        Raises:
+            UnknownNameError: A name is not a variable of the mechanism.
+        """
+        for quantity in ("position", "velocity", "acceleration", "jerk"):
+            for name in getattr(self, quantity):
+                if name not in mechanism.names:
+                    raise unknown_name(f"variable in the {quantity} limits", name, mechanism.names)
+
+    def bounds(self, mechanism: Mechanism) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Give the lowest and the highest value of every variable: ranges of the joints narrowed by these limits.
+
+        Args:
+            mechanism: The mechanism.
+
+        Returns:
+            Two arrays of shape (n_variables,) [m or rad].
+        """
+        low = [max(v.range[0], self.position.get(v.name, v.range)[0]) for v in mechanism.variables]
+        high = [min(v.range[1], self.position.get(v.name, v.range)[1]) for v in mechanism.variables]
+        return np.array(low), np.array(high)
+
+    def of(self, quantity: str, names: Sequence[str]) -> NDArray[np.float64]:
+        """Give the bounds of one quantity for several variables; inf where nothing is stated."""
+        values: Mapping[str, float] = getattr(self, quantity)
+        return np.array([values.get(name, np.inf) for name in names])
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """Describe a machine.
+
+    Attributes:
+        mechanism: Links, joints, closures and roles.
+        home: Values by name [m or rad] from which the home configuration is solved; the operational ones are imposed,
+            the others choose the branch.
+        shapes: Solids carried by each link, by name of link.
+        limits: Bounds of the drives.
+        masses: Mass of each link [kg], by name of link.
+        contacts: Pairs of links that may touch, with the reason, beyond those joined by a joint or a closure.
+        source: Where the description comes from, and what is ours.
+    """
+
+    mechanism: Mechanism
+    home: Mapping[str, float]
+    shapes: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
+    limits: Limits = field(default_factory=Limits)
+    masses: Mapping[str, float] = field(default_factory=dict)
+    contacts: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        known = [link.name for link in self.mechanism.links]
+        named: dict[str, tuple[Shape, ...]] = {}
+        for link, shapes in self.shapes.items():
+            if link not in known:
+                raise unknown_name("link that carries shapes", link, known)
+            named[link] = tuple(
+                s if s.name else replace(s, name=link if len(shapes) == 1 else f"{link} {i + 1}")
+                for i, s in enumerate(shapes)
+            )
+        names = [s.name for shapes in named.values() for s in shapes]
+        doubled = {n for n in names if names.count(n) > 1}
+        if doubled:
+            raise DefinitionError(f"shape names {sorted(doubled)} appear twice on {self.mechanism.name!r}")
+        for link, mass in self.masses.items():
+            if link not in known:
+                raise unknown_name("link that has a mass", link, known)
+            if not (np.isfinite(mass) and mass >= 0):
+                raise DefinitionError(f"mass of link {link!r} is {mass} kg; it must be finite and not negative")
+        for pair in self.contacts:
+            for link in pair:
+                if link not in known:
+                    raise unknown_name("link in the contacts", link, known)
+        for name in self.home:
+            self.mechanism.index(name)
+        missing = [n for n in self.mechanism.operational if n not in self.home]
+        if missing:
+            raise DefinitionError(f"home of {self.mechanism.name!r} lacks the operational variables {missing}")
+        self.limits.check_names(self.mechanism)
+        object.__setattr__(self, "shapes", MappingProxyType(named))
+        for mapping in ("home", "masses", "contacts"):
+            object.__setattr__(self, mapping, MappingProxyType(dict(getattr(self, mapping))))
+
+    @property
+    def name(self) -> str:
+        """Give the name of the mechanism."""
+        return self.mechanism.name
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Give the compiled functions of the mechanism, built at the first use."""
+        return Kinematics(self.mechanism)
+
+    @cached_property
+    def home_configuration(self) -> Configuration:
+        """Give the home configuration.
+
+        Raises:
+            SolveError: The loops cannot be closed at home.
+        """
+        imposed = {name: self.home[name] for name in self.mechanism.operational}
+        return self.kinematics.inverse(imposed, start=self.home).configuration
