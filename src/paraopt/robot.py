@@ -48,7 +48,9 @@ class Limits:
         for name, bounds in ranges.items():
             low, high = (float(b) for b in bounds)
             if not low < high:
-                raise DefinitionError(f"position limit of {name!r} is ({low}, {high}); its low end must be below its high end")
+                raise DefinitionError(
+                    f"position limit of {name!r} is ({low}, {high}); its low end must be below its high end"
+                )
             ranges[name] = (low, high)
         object.__setattr__(self, "position", MappingProxyType(ranges))
 

@@ -8,7 +8,9 @@ is a zero column, and receives no motion.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
 
@@ -33,6 +35,28 @@ class FunctionSet:
         self.graph = graph
         self.backend: Backend = backend
         self._by_width: dict[tuple[str, int], CompiledFunction] = {}
+
+    def prepare(self, width: int) -> None:
+        """Make the functions of a motion space of some dimension, side by side: compilers run outside Python.
+
+        Args:
+            width: Number of independent coordinates.
+        """
+        _ = self._factor_forms, self._second_form, self._residual_form, self._jacobian_form, self._stacked_poses
+        wanted: list[Callable[[], object]] = [
+            lambda: self.curvature(width * (width + 1) // 2),
+            lambda: self.curvature(1),
+            lambda: self.tangent(width),
+            lambda: self.step,
+            lambda: self.pose_velocity(width),
+            lambda: self.scaled_jacobian,
+            lambda: self.jacobians,
+            lambda: self.residual,
+            lambda: self.poses,
+        ]
+        with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+            for made in [pool.submit(make) for make in wanted]:
+                made.result()
 
     @cached_property
     def residual(self) -> CompiledFunction:
@@ -104,9 +128,7 @@ class FunctionSet:
         def build() -> CompiledFunction:
             V = ca.SX.sym("V", self.graph.X.numel(), width)
             flat = ca.vec(self._stacked_poses.T)
-            return self._compile(
-                f"pose_velocity{width}", [self.graph.X, V], [ca.jtimes(flat, self.graph.X, V).T]
-            )
+            return self._compile(f"pose_velocity{width}", [self.graph.X, V], [ca.jtimes(flat, self.graph.X, V).T])
 
         return self._cached("pose_velocity", width, build)
 

@@ -115,9 +115,7 @@ class Kinematics:
         options: Tolerances of the solves.
     """
 
-    def __init__(
-        self, mechanism: Mechanism, backend: Backend = "auto", options: SolveOptions | None = None
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, backend: Backend = "auto", options: SolveOptions | None = None) -> None:
         self.mechanism = mechanism
         self.graph: ClosureGraph = build_closure(mechanism)
         self.functions = FunctionSet(self.graph, backend)
@@ -126,6 +124,15 @@ class Kinematics:
         column_used = np.zeros(len(mechanism.names), dtype=bool)
         column_used[np.asarray(E.sparsity().get_triplet()[1], dtype=int)] = True
         self._structurally_used = column_used
+
+    def prepare(self, independent: Sequence[str] | None = None) -> None:
+        """Compile, or load from the cache, all functions that planning needs; without it each is made at its first use.
+
+        Args:
+            independent: Independent coordinates of the planned path; the operational variables when None.
+        """
+        m = len(self.mechanism.operational if independent is None else independent)
+        self.functions.prepare(m)
 
     # -- evaluation ------------------------------------------------------------------------------------------------
 
@@ -262,7 +269,8 @@ class Kinematics:
         X = np.atleast_2d(np.asarray(X, dtype=float))
         D = np.zeros((X.shape[1], len(independent)))
         D[self.mechanism.indices(independent), np.arange(len(independent))] = 1.0
-        return self.functions.tangent(len(independent)).batch(X, self._free(independent), D, _DAMPING)[0]
+        (T,) = self.functions.tangent(D.shape[1]).batch(X, self._free(independent), D, _DAMPING)
+        return T.reshape(len(X), *D.shape)
 
     def curvature(self, X: ArrayLike, V: ArrayLike, W: ArrayLike, independent: Sequence[str]) -> Array:
         """Give the second-order motion that keeps the loops closed for pairs of velocities, independent ones at rest.
@@ -277,7 +285,8 @@ class Kinematics:
             `h` with `E h + F''[V, W] = 0`, shape (n, n_variables, k).
         """
         X, V = np.atleast_2d(np.asarray(X, dtype=float)), np.asarray(V, dtype=float)
-        return self.functions.curvature(V.shape[2]).batch(X, self._free(independent), V, W, _DAMPING)[0]
+        (h,) = self.functions.curvature(V.shape[2]).batch(X, self._free(independent), V, W, _DAMPING)
+        return h.reshape(V.shape)
 
     def pose_velocity(self, X: ArrayLike, V: ArrayLike) -> Array:
         """Give the derivatives of the link poses along velocities of the variables.
@@ -326,7 +335,9 @@ class Kinematics:
         else:
             X = np.array(start, dtype=float)
         if X.shape != (n,) or not np.all(np.isfinite(X)):
-            raise DefinitionError(f"start of {self.mechanism.name!r} must be {n} finite numbers; its shape is {X.shape}")
+            raise DefinitionError(
+                f"start of {self.mechanism.name!r} must be {n} finite numbers; its shape is {X.shape}"
+            )
         return X[None, :].copy()
 
     def _solve_nearest(
@@ -345,9 +356,7 @@ class Kinematics:
         target[index], weight[index] = values, 1.0
         lower = np.array([v.range[0] for v in self.mechanism.variables])
         upper = np.array([v.range[1] for v in self.mechanism.variables])
-        X, iterations, settled = solve_nearest(
-            self.functions, closed.X[0], target, weight, lower, upper, options
-        )
+        X, iterations, settled = solve_nearest(self.functions, closed.X[0], target, weight, lower, upper, options)
         polished = solve_closure(self.functions, X, everything, replace(options, step_limit=0.05))
         final, residual = polished.X[0], float(polished.residual[0])
         reached = float(np.max(np.abs(final[index] - values) / self.graph.variable_scale[index], initial=0.0))
@@ -357,9 +366,7 @@ class Kinematics:
             again[index] = values
             exact = solve_closure(self.functions, again, free, options)
             if exact.converged[0]:
-                return self._conclude(
-                    exact.X[0], exact.residual[0], impose, free, spent + iterations, Status.CONVERGED
-                )
+                return self._conclude(exact.X[0], exact.residual[0], impose, free, spent + iterations, Status.CONVERGED)
         status = Status.NEAREST if closes and settled else Status.FAILED
         return self._conclude(final, residual, impose, free, spent + iterations, status)
 

@@ -193,4 +193,3 @@ def solve_nearest(
         if np.max(np.abs(d)) < options.nearest_tolerance or radius < 1e-12:
             return z * scale, iteration, True
     return z * scale, options.nearest_iterations, False
-

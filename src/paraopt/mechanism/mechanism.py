@@ -95,9 +95,7 @@ class Mechanism:
         def build(names: Iterable[str], role: Role) -> list[Variable]:
             return [Variable(n, declared[n][0].kind, role, declared[n][1], declared[n][0].range) for n in names]
 
-        return tuple(
-            build(self.active, "active") + build(passive, "passive") + build(self.operational, "operational")
-        )
+        return tuple(build(self.active, "active") + build(passive, "passive") + build(self.operational, "operational"))
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -1,0 +1,41 @@
+"""Motion: from a problem to a seed, a refined path, a timed trajectory, and the certificate that proves it."""
+
+from paraopt.planning.law import TimeLaw
+from paraopt.planning.path import Path, PathPoints
+from paraopt.planning.problem import Margins, Problem
+from paraopt.planning.refine import Nlp, Refined, SplineRefiner, build_nlp, solve_nlp
+from paraopt.planning.retime_base import Retimer
+from paraopt.planning.retime_ruckig import JerkLimited
+from paraopt.planning.retime_toppra import TimeOptimal
+from paraopt.planning.seed import MixedSearch, Seed, Seeder
+from paraopt.planning.trajectory import State, Trajectory
+from paraopt.planning.validity import Validity, Verdict, check_ends
+from paraopt.planning.verify import Certificate, Check, Tolerances, verify
+
+__all__ = [
+    "Certificate",
+    "Check",
+    "JerkLimited",
+    "Margins",
+    "MixedSearch",
+    "Nlp",
+    "Path",
+    "PathPoints",
+    "Problem",
+    "Refined",
+    "Retimer",
+    "Seed",
+    "Seeder",
+    "SplineRefiner",
+    "State",
+    "TimeLaw",
+    "TimeOptimal",
+    "Tolerances",
+    "Trajectory",
+    "Validity",
+    "Verdict",
+    "build_nlp",
+    "check_ends",
+    "solve_nlp",
+    "verify",
+]

@@ -120,9 +120,7 @@ class Path:
         """Solve the closures at n parameters; shape (n, n_variables)."""
         s = self._check(s)
         guess = self._guess(s)
-        closed = self.robot.kinematics.solve_batch(
-            self.independent, self.spline(s), guess, SolveOptions(iterations=30)
-        )
+        closed = self.robot.kinematics.solve_batch(self.independent, self.spline(s), guess, SolveOptions(iterations=30))
         if not np.all(closed.converged):
             i = int(np.argmin(closed.converged))
             raise SolveError(

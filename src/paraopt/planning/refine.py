@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_lsq_spline
 
-from paraopt.errors import DefinitionError, RefineError
-from paraopt.planning.evaluate import SampleEvaluator, SampleValues
+from paraopt.errors import DefinitionError, ParaoptError, RefineError
+from paraopt.planning.evaluate import SampleEvaluator
 from paraopt.planning.path import Path
 from paraopt.planning.problem import Problem
 from paraopt.planning.seed import Seed
@@ -27,6 +27,9 @@ class Nlp:
     Attributes:
         problem: The planning problem.
         functions: CasADi's `{"x", "f", "g"}`: inner control points over the seed's length, objective, constraints.
+        derivatives: Exact "grad_f" and "jac_g", CasADi functions of (x, p) that return the value and the derivative,
+            and "hess_lag", the exact second derivative of the length term; the curvature of barriers and constraints is
+            left out.
         initial: First guess of x.
         lower: Lower bounds of g.
         upper: Upper bounds of g.
@@ -36,10 +39,12 @@ class Nlp:
         degree: Degree of the spline.
         unit: Length that x is divided by [m].
         evaluator: What evaluates the samples.
+        evaluation: What computes f, g and their derivatives from them.
     """
 
     problem: Problem
     functions: Mapping[str, ca.MX]
+    derivatives: Mapping[str, ca.Function]
     initial: Array
     lower: Array
     upper: Array
@@ -49,7 +54,8 @@ class Nlp:
     degree: int
     unit: float
     evaluator: SampleEvaluator
-    _callback: ca.Callback = field(repr=False)
+    evaluation: _Evaluation
+    _alive: Any = field(repr=False)  # CasADi does not own what it calls
 
     def spline(self, x: Array) -> BSpline:
         """Build the spline of a solution vector."""
@@ -241,27 +247,40 @@ def build_nlp(
     if extra_pairs is not None:
         pairs = np.union1d(pairs, extra_pairs)
     evaluator = SampleEvaluator(problem, near, pairs.astype(int))
-    callback = _Samples(evaluator, len(samples) - 2, horizon, clearance)
-
-    x = ca.MX.sym("x", (controls - 2) * m)
-    ends = _ends(problem) * problem.metric / unit
-    inner = ca.reshape(x, m, controls - 2).T
-    all_controls = ca.vertcat(ca.DM(ends[:1]), inner, ca.DM(ends[1:]))
     basis = BSpline(knots, np.eye(controls), degree)
-    energy = _energy(basis, knots)
-    half = ca.DM(energy) @ all_controls
-    values = ca.DM(basis(samples[1:-1])) @ all_controls
-    physical = ca.vec((values * ca.repmat(ca.DM(unit / problem.metric).T, values.size1(), 1)).T)
-    barrier, g = callback(physical)
-    f = ca.sum1(ca.sum2(all_controls * half)) + options.barrier * barrier
+    evaluation = _Evaluation(
+        evaluator,
+        basis(samples[1:-1]),
+        _ends(problem) * problem.metric / unit,
+        _energy(basis, knots),
+        unit / problem.metric,
+        options.barrier,
+        horizon,
+        max(0.25 * clearance, 0.02 * horizon),
+    )
+    bridges = {
+        "nlp": _Bridge("nlp", evaluation, ("f", "g"), False),
+        "grad_f": _Bridge("grad_f", evaluation, ("f", "grad_f"), True),
+        "jac_g": _Bridge("jac_g", evaluation, ("g", "jac_g"), True),
+    }
+    x = ca.MX.sym("x", evaluation.n_x)
+    f, g = bridges["nlp"](x)
     low, high, labels = _bounds(problem, evaluator, slack, len(samples) - 2, horizon)
     initial = (first.c[1:-1] * problem.metric / unit).reshape(-1)
+    derivatives = {
+        "grad_f": bridges["grad_f"],
+        "jac_g": bridges["jac_g"],
+        "hess_lag": _length_hessian(evaluation),
+    }
     return Nlp(
-        problem, {"x": x, "f": f, "g": g}, initial, low, high, labels, samples, knots, degree, unit, evaluator, callback
-    )
+        problem, {"x": x, "f": f, "g": g}, derivatives, initial, low, high, labels, samples, knots, degree, unit,
+        evaluator, evaluation, bridges,
+    )  # fmt: skip
 
 
-def solve_nlp(nlp: Nlp, options: SplineRefiner | None = None, guess: Array | None = None) -> tuple[Array, dict[str, Any]]:
+def solve_nlp(
+    nlp: Nlp, options: SplineRefiner | None = None, guess: Array | None = None
+) -> tuple[Array, dict[str, Any]]:
     """Solve a refinement problem with IPOPT.
 
     Args:
@@ -285,16 +304,19 @@ def solve_nlp(nlp: Nlp, options: SplineRefiner | None = None, guess: Array | Non
             "acceptable_tol": 30 * options.tolerance,
             "acceptable_iter": 5,
             "acceptable_obj_change_tol": 1e-5,
-            "hessian_approximation": "limited-memory",
-            "limited_memory_max_history": 12,
             "mu_init": 1e-3,
             "constr_viol_tol": 1e-7,
         },
         "print_time": False,
         "error_on_fail": False,
+        "no_nlp_grad": True,
+        **nlp.derivatives,
     }
+
     solver = ca.nlpsol("refine", "ipopt", dict(nlp.functions), settings)
     answer = solver(x0=nlp.initial if guess is None else guess, lbg=nlp.lower, ubg=nlp.upper)
+    if nlp.evaluation.error is not None:
+        raise nlp.evaluation.error
     stats = solver.stats()
     x = np.asarray(answer["x"]).reshape(-1)
     g = np.asarray(answer["g"]).reshape(-1)
@@ -316,75 +338,75 @@ def solve_nlp(nlp: Nlp, options: SplineRefiner | None = None, guess: Array | Non
     }
 
 
-class _Samples(ca.Callback):
-    """Give the barrier and the constraints of all samples to CasADi, with exact derivatives.
+class _Evaluation:
+    """Compute objective, constraints and their exact derivatives for a vector of inner control points.
 
-    Input: the independent coordinates of all samples, flat. Outputs: mean barrier, and the constraints.
+    The last result is kept, because IPOPT asks for values and derivatives in separate calls.
+
+    Args:
+        evaluator: What evaluates the samples.
+        basis: Values of all basis functions at the samples, shape (n, controls).
+        ends: First and last control point over the unit, shape (2, m).
+        energy: Integrals of products of the basis functions' slopes, shape (controls, controls).
+        to_physical: What multiplies scaled coordinates, shape (m,).
+        weight: Weight of the barriers.
+        horizon: Distance at which the distance barrier begins [m].
+        floor: Distance below which it goes on as a parabola [m].
     """
 
-    def __init__(self, evaluator: SampleEvaluator, n: int, horizon: float, clearance: float) -> None:
-        ca.Callback.__init__(self)
-        self.evaluator, self.n, self.horizon = evaluator, n, horizon
-        self.m = len(evaluator.problem.independent)
+    def __init__(
+        self,
+        evaluator: SampleEvaluator,
+        basis: Array,
+        ends: Array,
+        energy: Array,
+        to_physical: Array,
+        weight: float,
+        horizon: float,
+        floor: float,
+    ) -> None:
+        self.evaluator, self.basis, self.ends, self.energy = evaluator, basis, ends, energy
+        self.to_physical, self.weight, self.horizon, self.floor = to_physical, weight, horizon, floor
+        self.n, self.controls = basis.shape
+        self.m = ends.shape[1]
         self.per_sample = len(evaluator.bounded) + 2 + len(evaluator.pairs)
-        self.floor = max(0.25 * clearance, 0.02 * horizon)  # below it the barrier goes on as a parabola
-        rows = np.repeat(np.arange(n * self.per_sample), self.m)
-        columns = (np.arange(n)[:, None, None] * self.m + np.zeros((1, self.per_sample, 1), dtype=int)) + np.arange(
-            self.m
-        )
-        self.pattern = ca.Sparsity.triplet(
-            n * self.per_sample, n * self.m, rows.tolist(), columns.reshape(-1).tolist()
-        )
-        # CasADi stores columns first
-        order = np.lexsort((rows, columns.reshape(-1)))
-        self.order = order
+        self.n_x, self.n_g = (self.controls - 2) * self.m, self.n * self.per_sample
+        # each sample feels only the inner control points whose basis functions reach it
+        sample, control = np.nonzero(basis[:, 1:-1])
+        self._sample, self._control = sample, control
+        shape = (len(sample), self.per_sample, self.m)
+        rows = np.broadcast_to((sample[:, None] * self.per_sample + np.arange(self.per_sample))[:, :, None], shape)
+        columns = np.broadcast_to((control[:, None] * self.m + np.arange(self.m))[:, None, :], shape)
+        self._order = np.lexsort((rows.ravel(), columns.ravel()))  # CasADi stores columns first
+        self.pattern = ca.Sparsity.triplet(self.n_g, self.n_x, rows.ravel().tolist(), columns.ravel().tolist())
+        self.error: ParaoptError | None = None
         self._key: bytes | None = None
         self._value: tuple[float, Array, Array, Array] | None = None
-        self._jacobian: ca.Callback | None = None
-        self.construct("samples", {})
 
-    def get_n_in(self) -> int:
-        return 1
-
-    def get_n_out(self) -> int:
-        return 2
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self.n * self.m, 1)
-
-    def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(1 if i == 0 else self.n * self.per_sample, 1)
-
-    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
-        barrier, g, _, _ = self.compute(arguments[0])
-        return [ca.DM(barrier), ca.DM(g)]
-
-    def has_jacobian(self) -> bool:
-        return True
-
-    def get_jacobian(self, name: str, inames: list[str], onames: list[str], options: Any) -> ca.Function:
-        self._jacobian = _SamplesJacobian(self, name)
-        return self._jacobian
-
-    def compute(self, argument: ca.DM) -> tuple[float, Array, Array, Array]:
-        """Evaluate once for values and derivatives; the last result is kept."""
-        flat = np.asarray(argument, dtype=float).reshape(-1)
-        key = flat.tobytes()
+    def __call__(self, x: Array) -> tuple[float, Array, Array, Array]:
+        """Return objective, its gradient, constraints, and the nonzeros of their Jacobian."""
+        key = x.tobytes()
         if key != self._key or self._value is None:
-            self._value = self._compute(self.evaluator(flat.reshape(self.n, self.m)))
+            self._value = self._compute(x)
             self._key = key
         return self._value
 
-    def _compute(self, v: SampleValues) -> tuple[float, Array, Array, Array]:
+    def _compute(self, x: Array) -> tuple[float, Array, Array, Array]:
+        controls = np.vstack([self.ends[0], x.reshape(-1, self.m), self.ends[1]])
+        v = self.evaluator(self.basis @ controls * self.to_physical)
         if not v.converged:  # IPOPT takes a shorter step
-            nan = np.full((self.n, self.per_sample), np.nan)
-            return np.nan, nan.reshape(-1), np.full(self.n * self.m, np.nan), np.full(nan.size * self.m, np.nan)
+            return np.nan, np.full(self.n_x, np.nan), np.full(self.n_g, np.nan), np.full(self.pattern.nnz(), np.nan)
         phi, slope = self._barrier(v.distances)
         barrier = float(np.sum(phi) - np.sum(v.logarithms)) / self.n
         d_barrier = (np.einsum("nk,nkm->nm", slope, v.d_distances) - np.sum(v.d_logarithms, axis=1)) / self.n
+        half = self.energy @ controls
+        f = float(np.sum(controls * half)) + self.weight * barrier
+        d_f = 2.0 * half + self.weight * (self.basis.T @ (d_barrier * self.to_physical))
         g = np.hstack([v.bounded, v.margins, v.distances / self.horizon])
-        d_g = np.concatenate([v.d_bounded, v.d_margins, v.d_distances / self.horizon], axis=1)
-        return barrier, g.reshape(-1), d_barrier.reshape(-1), d_g.reshape(-1)[self.order]
+        d_g = np.concatenate([v.d_bounded, v.d_margins, v.d_distances / self.horizon], axis=1) * self.to_physical
+        reach = self.basis[:, 1:-1][self._sample, self._control]
+        nonzeros = (d_g[self._sample] * reach[:, None, None]).ravel()[self._order]
+        return f, d_f[1:-1].ravel(), g.ravel(), nonzeros
 
     def _barrier(self, d: Array) -> tuple[Array, Array]:
         """Evaluate phi and its derivative: logarithmic between floor and horizon, quadratic below, zero beyond."""
@@ -397,31 +419,54 @@ class _Samples(ca.Callback):
         return phi, np.where(d < h, slope, 0.0)
 
 
-class _SamplesJacobian(ca.Callback):
-    """Give CasADi the derivatives of `_Samples`."""
+class _Bridge(ca.Callback):
+    """Give results of an evaluation to CasADi.
 
-    def __init__(self, samples: _Samples, name: str) -> None:
+    Args:
+        name: Name of the function.
+        evaluation: The evaluation.
+        outputs: Which of "f", "grad_f", "g", "jac_g" it returns.
+        takes_parameters: Whether it has CasADi's second, empty, input.
+    """
+
+    def __init__(self, name: str, evaluation: _Evaluation, outputs: Sequence[str], takes_parameters: bool) -> None:
         ca.Callback.__init__(self)
-        self.samples = samples
+        self.evaluation, self.outputs, self.takes_parameters = evaluation, tuple(outputs), takes_parameters
+        self.patterns = {
+            "f": ca.Sparsity.dense(1, 1),
+            "grad_f": ca.Sparsity.dense(evaluation.n_x, 1),
+            "g": ca.Sparsity.dense(evaluation.n_g, 1),
+            "jac_g": evaluation.pattern,
+        }
         self.construct(name, {})
 
     def get_n_in(self) -> int:
-        return 3
+        return 2 if self.takes_parameters else 1
 
     def get_n_out(self) -> int:
-        return 2
+        return len(self.outputs)
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        s = self.samples
-        return s.get_sparsity_in(0) if i == 0 else ca.Sparsity(*s.get_sparsity_out(i - 1).size())
+        return ca.Sparsity.dense(self.evaluation.n_x, 1) if i == 0 else ca.Sparsity(0, 0)
 
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        s = self.samples
-        return ca.Sparsity.dense(1, s.n * s.m) if i == 0 else s.pattern
+        return self.patterns[self.outputs[i]]
 
     def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
-        _, _, d_barrier, d_g = self.samples.compute(arguments[0])
-        return [ca.DM(d_barrier).T, ca.DM(self.samples.pattern, d_g)]
+        try:
+            results = self.evaluation(np.array(arguments[0].nonzeros()))
+        except ParaoptError as error:  # CasADi would turn it into a warning: it is raised again after the solve
+            self.evaluation.error = error
+            raise
+        by_name = dict(zip(("f", "grad_f", "g", "jac_g"), results, strict=True))
+        return [ca.DM(self.patterns[k], by_name[k]) if k == "jac_g" else ca.DM(by_name[k]) for k in self.outputs]
+
+
+def _length_hessian(evaluation: _Evaluation) -> ca.Function:
+    x, p = ca.MX.sym("x", evaluation.n_x), ca.MX.sym("p", 0, 0)
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", evaluation.n_g)
+    H = np.triu(2.0 * np.kron(evaluation.energy[1:-1, 1:-1], np.eye(evaluation.m)))
+    return ca.Function("hess_lag", [x, p, lam_f, lam_g], [lam_f * ca.sparsify(ca.DM(H))])
 
 
 def _ends(problem: Problem) -> Array:

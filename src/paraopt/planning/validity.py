@@ -73,9 +73,7 @@ class Validity:
             The verdict.
         """
         predicted = starts + np.einsum("nvm,nm->nv", tangents, values - starts[:, self._independent])
-        closed = self.problem.robot.kinematics.solve_batch(
-            self.problem.independent, values, predicted, self._options
-        )
+        closed = self.problem.robot.kinematics.solve_batch(self.problem.independent, values, predicted, self._options)
         n = len(closed.X)
         self.checks += n
         reasons = np.full(n, VALID, dtype=object)

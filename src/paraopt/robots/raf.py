@@ -33,9 +33,9 @@ FOREARM_AT_PLATFORM = {
 def raf(
     stroke: float = 0.2,
     tool_length: float = 0.08,
-    velocity: float = 0.25,
-    acceleration: float = 1.5,
-    jerk: float = 30.0,
+    velocity: float = 0.1,
+    acceleration: float = 0.5,
+    jerk: float = 10.0,
 ) -> Robot:
     """Build the RAF translational robot.
 
@@ -60,7 +60,7 @@ def raf(
         links.append(Series(f"rod {i}", f"jack {i}", _mm((0, 0, JACK_BODY)), slide))
         closures.append(Coincidence(f"rod {i}", _mm((0, 0, JACK_TIP)), "platform", _mm(end)))
         shapes[f"jack {i}"] = [Capsule.between((0, 0, 0.02), _mm((0, 0, JACK_BODY)), radius=0.018)]
-        shapes[f"rod {i}"] = [Capsule.between((0, 0, -0.2), _mm((0, 0, JACK_TIP)), radius=0.009)]
+        shapes[f"rod {i}"] = [Capsule.between((0, 0, -0.15), _mm((0, 0, JACK_TIP)), radius=0.009)]
     for arm, (at, turn) in ARMS.items():
         links.append(Series(f"arm {arm}", "base", _mm(at), Revolute(f"arm {arm}", axis="x"), rotation=(0, 0, turn)))
         elbow, left, right = _mm((0, 52, 275)), _mm(FOREARM_AT_ARM["-"]), _mm(FOREARM_AT_ARM["+"])
@@ -86,9 +86,7 @@ def raf(
         Box(size=(0.06, 0.08, 0.01), pose=transform((-0.1, 0, -0.035)), name="platform bracket B"),
         Cylinder.between((0, 0, -0.01), (0, 0, tool_length), radius=0.012, name="tool"),
     ]
-    mechanism = Mechanism(
-        "RAF", links, closures, active=("q1", "q2", "q3"), operational=("x", "y", "z")
-    )
+    mechanism = Mechanism("RAF", links, closures, active=("q1", "q2", "q3"), operational=("x", "y", "z"))
     jacks = mechanism.active
     return Robot(
         mechanism,

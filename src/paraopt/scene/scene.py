@@ -141,9 +141,11 @@ class Scene:
         return self._collision.first_below(self._collision.place(self.robot.kinematics.poses(X)), margin)
 
     def near_pairs(self, X: ArrayLike, horizon: float) -> NDArray[np.intp]:
-        """List the pairs that may come closer than a horizon [m] at any of n configurations (lower bounds)."""
-        bounds = self._collision.lower_bounds(self._collision.place(self.robot.kinematics.poses(X)))
-        return np.flatnonzero(np.any(bounds < horizon, axis=0))
+        """List the pairs that come closer than a horizon [m] at any of n configurations."""
+        placed = self._collision.place(self.robot.kinematics.poses(X))
+        samples, pairs = np.nonzero(self._collision.lower_bounds(placed) < horizon)
+        distances, _, _ = self._collision.measure(placed, samples, pairs)
+        return np.unique(pairs[distances < horizon])
 
     def distances(self, X: ArrayLike, pairs: NDArray[np.intp], T: Array) -> Distances:
         """Measure chosen pairs at n configurations, with gradients.
@@ -177,7 +179,7 @@ class Scene:
             dX = velocities[s, :, f]
             dp = np.einsum("kmij,kj->kmi", dX[..., :3], local) + dX[..., 3]
             gradients[moving] += sign * np.einsum("kmi,ki->km", dp, normals[moving])
-        return Distances(values.reshape(n, k), gradients.reshape(n, k, -1))
+        return Distances(values.reshape(n, k), gradients.reshape(n, k, T.shape[2]))
 
     @cached_property
     def _sides(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

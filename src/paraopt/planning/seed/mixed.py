@@ -100,9 +100,7 @@ class _Way:
 class _Grid:
     """Hold the state of one search at one step."""
 
-    def __init__(
-        self, problem: Problem, validity: Validity, step: float, resolution: float, max_checks: int
-    ) -> None:
+    def __init__(self, problem: Problem, validity: Validity, step: float, resolution: float, max_checks: int) -> None:
         self.problem, self.validity, self.step = problem, validity, step
         self.resolution, self.max_checks = resolution, max_checks
         m = len(problem.independent)

@@ -1,0 +1,15 @@
+"""In and out: trajectories as CSV, reports as JSON; files appear whole or not at all."""
+
+from paraopt.io.files import write_atomically
+from paraopt.io.report import build_report, describe, write_report
+from paraopt.io.tables import Table, read_trajectory, write_trajectory
+
+__all__ = [
+    "Table",
+    "build_report",
+    "describe",
+    "read_trajectory",
+    "write_atomically",
+    "write_report",
+    "write_trajectory",
+]

@@ -1,0 +1,138 @@
+"""Time-optimal retiming with toppra, checked between its grid points."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import toppra
+import toppra.algorithm
+import toppra.constraint
+from numpy.typing import NDArray
+
+from paraopt.errors import BackendError, DefinitionError, RetimeError
+from paraopt.planning.law import TimeLaw
+from paraopt.planning.path import Path
+from paraopt.planning.problem import Problem
+from paraopt.planning.retime_base import DrivePath, measure_use, sample_drives
+from paraopt.planning.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+# toppra reports its failures as warnings of its log; here they become errors that name their cause
+logging.getLogger("toppra").setLevel(logging.CRITICAL)
+
+
+class _GridPath(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]
+    """Show the actuators at the grid points to toppra, with exact derivatives."""
+
+    def __init__(self, drives: DrivePath) -> None:
+        self.drives = drives
+
+    def __call__(self, path_positions: Any, order: int = 0) -> Array:
+        wanted = np.atleast_1d(np.asarray(path_positions, dtype=float))
+        index = np.searchsorted(self.drives.s, wanted)
+        index = np.clip(index, 0, len(self.drives.s) - 1)
+        if not np.allclose(self.drives.s[index], wanted, rtol=0.0, atol=1e-12):
+            raise BackendError("toppra asked for the path between its grid points")
+        values = (self.drives.q, self.drives.dq, self.drives.ddq)[order][index]
+        return values[0] if np.ndim(path_positions) == 0 else values
+
+    @property
+    def dof(self) -> int:
+        return len(self.drives.names)
+
+    @property
+    def path_interval(self) -> Array:
+        return np.array([0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class TimeOptimal:
+    """Time a path as fast as the velocity and acceleration limits of the actuators allow.
+
+    Attributes:
+        n_grid: Number of grid intervals at first.
+        refinements: How often the grid is doubled when the limits are exceeded between its points.
+        tolerated: Excess between grid points that is removed by uniform slowing instead [1].
+        reserve: Share of the time that is added so that the limits also hold between the points of the check [1].
+
+    Source: toppra.
+    """
+
+    n_grid: int = 100
+    refinements: int = 3
+    tolerated: float = 0.01
+    reserve: float = 3e-4
+
+    def __post_init__(self) -> None:
+        if self.n_grid < 4:
+            raise DefinitionError(f"n_grid is {self.n_grid}; it must be at least 4")
+
+    def retime(self, problem: Problem, path: Path) -> Trajectory:
+        """Time a path.
+
+        Args:
+            problem: The problem, with the limits of the actuators.
+            path: The path.
+
+        Returns:
+            A trajectory from rest to rest whose limits hold on a check ten times denser than the grid.
+
+        Raises:
+            DefinitionError: A limit is missing.
+            RetimeError: toppra found no time law; the message names the cause.
+        """
+        n = self.n_grid
+        for attempt in range(self.refinements + 1):
+            law = self._solve(problem, path, n)
+            # offset from the grid points, and the points themselves, where the acceleration of the law jumps
+            times = np.union1d(np.linspace(0.0, law.duration, 10 * n + 7), law.breaks)
+            use = measure_use(sample_drives(problem, path, law(times)), law, times)
+            if use.stretch <= 1.0 + self.tolerated or attempt == self.refinements:
+                factor = use.stretch * (1.0 + self.reserve)
+                return Trajectory(path, law.stretched(factor), "time-optimal (toppra)", max(factor, 1.0), n)
+            n *= 2
+        raise AssertionError("unreachable: the last attempt returns")
+
+    def _solve(self, problem: Problem, path: Path, n: int) -> TimeLaw:
+        # the path's second derivative has its corners at the knots: they are grid points too
+        uniform = np.linspace(0.0, 1.0, n + 1)
+        knots = np.unique(path.spline.t)
+        s = np.union1d(uniform, knots[np.min(np.abs(knots[:, None] - uniform), axis=1) > 0.1 / n])
+        drives = sample_drives(problem, path, s)
+        scheme = toppra.constraint.DiscretizationType.Interpolation
+        constraints = [
+            toppra.constraint.JointVelocityConstraint(np.column_stack([-drives.velocity, drives.velocity])),
+            toppra.constraint.JointAccelerationConstraint(
+                np.column_stack([-drives.acceleration, drives.acceleration]), discretization_scheme=scheme
+            ),
+        ]
+        try:
+            instance = toppra.algorithm.TOPPRA(
+                constraints,
+                _GridPath(drives),
+                gridpoints=s,
+                solver_wrapper="seidel",
+                parametrizer="ParametrizeConstAccel",
+            )
+            _, speed, _ = instance.compute_parameterization(0.0, 0.0)
+        except (ValueError, RuntimeError, FloatingPointError) as error:
+            raise BackendError(f"toppra failed: {error}", path=path) from error
+        if speed is None or not np.all(np.isfinite(speed)):
+            raise RetimeError(f"toppra found no time law: {instance.problem_data.return_code.value}", path=path)
+        means = 0.5 * (speed[1:] + speed[:-1])
+        stalled = np.flatnonzero(means <= 1e-10)
+        if stalled.size:
+            raise RetimeError(
+                f"the path speed falls to zero at s = {s[stalled[0]]:.4f}, where the path cannot be followed at any speed "
+                "(a cusp, or repeated points)",
+                path=path,
+                s=float(s[stalled[0]]),
+            )
+        dt = np.diff(s) / means
+        acceleration = np.diff(speed) / dt
+        breaks = np.concatenate([[0.0], np.cumsum(dt)])
+        return TimeLaw(breaks, np.vstack([0.5 * acceleration, speed[:-1], s[:-1]]))

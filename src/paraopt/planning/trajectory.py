@@ -1,0 +1,123 @@
+"""A trajectory: a path run by a time law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from paraopt.errors import DefinitionError
+from paraopt.planning.law import TimeLaw
+from paraopt.planning.path import Path
+from paraopt.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Hold the state of all variables at n times (or one).
+
+    Attributes:
+        t: Times [s], shape (n,) or a number.
+        X: Values [m or rad], shape (n, n_variables) or (n_variables,).
+        velocity: First derivatives [m/s or rad/s], same shape.
+        acceleration: Second derivatives [m/s^2 or rad/s^2], same shape.
+    """
+
+    t: Array
+    X: Array
+    velocity: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Describe the motion of all variables in time.
+
+    Attributes:
+        path: The geometric path.
+        law: The path parameter in time.
+        method: How it was timed.
+        slowed: Factor by which it was slowed uniformly to hold the limits between grid points; 1 when it was not.
+        n_grid: Number of points on which the time law was computed.
+    """
+
+    path: Path
+    law: TimeLaw
+    method: str = ""
+    slowed: float = 1.0
+    n_grid: int = 0
+
+    @property
+    def robot(self) -> Robot:
+        """Give the machine."""
+        return self.path.robot
+
+    @property
+    def duration(self) -> float:
+        """Give the length in time [s]."""
+        return self.law.duration
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Evaluate all variables, or their derivatives with respect to time.
+
+        Args:
+            t: Times in [0, duration] [s], a number or shape (n,).
+            order: 0 for values, 1 for velocities, 2 for accelerations.
+
+        Returns:
+            Shape (n_variables,) for a number, (n, n_variables) for an array.
+
+        Raises:
+            DefinitionError: A time is outside [0, duration], or the order is not 0, 1 or 2.
+        """
+        if order not in (0, 1, 2):
+            raise DefinitionError(f"order is {order!r}; it must be 0, 1 or 2")
+        if order == 0:
+            s = self.law(self._check(t))
+            return self.path(s, 0)
+        state = self.state(t)
+        return state.velocity if order == 1 else state.acceleration
+
+    def state(self, t: ArrayLike) -> State:
+        """Evaluate values, velocities and accelerations together."""
+        times = self._check(t)
+        flat = np.atleast_1d(times)
+        s, ds, dds = self.law(flat), self.law(flat, 1)[:, None], self.law(flat, 2)[:, None]
+        points = self.path.points(s)
+        velocity, acceleration = points.dX * ds, points.ddX * ds**2 + points.dX * dds
+        if np.ndim(times) == 0:
+            return State(times, points.X[0], velocity[0], acceleration[0])
+        return State(times, points.X, velocity, acceleration)
+
+    def sample(self, period: float) -> State:
+        """Sample at a constant period [s], the end included."""
+        if not (np.isfinite(period) and period > 0):
+            raise DefinitionError(f"sampling period is {period} s; it must be finite and above 0")
+        count = int(np.floor(self.duration / period + 1e-9))
+        times = period * np.arange(count + 1)
+        if self.duration - times[-1] > 1e-9:
+            times = np.append(times, self.duration)
+        return self.state(np.minimum(times, self.duration))
+
+    def at(self, t: float) -> Mapping[str, float]:
+        """Give the values by name at one time [s]."""
+        return dict(zip(self.robot.mechanism.names, self(float(t)).tolist(), strict=True))
+
+    @cached_property
+    def _slack(self) -> float:
+        return 1e-9 * max(self.duration, 1.0)
+
+    def _check(self, t: ArrayLike) -> Array:
+        times = np.asarray(t, dtype=float)
+        if times.size and not (
+            np.all(np.isfinite(times)) and times.min() >= -self._slack and times.max() <= self.duration + self._slack
+        ):
+            raise DefinitionError(
+                f"time is in [{times.min()}, {times.max()}] s; it must be in [0, {self.duration:.6g}] s"
+            )
+        return np.clip(times, 0.0, self.duration)

@@ -1,0 +1,23 @@
+"""Look at a robot and its motion: a page that plays it, and figures of what happens along it."""
+
+from paraopt.view.content import Body, PathLine, Readout
+from paraopt.view.figures import draw_actuators, draw_margins, draw_series, save_figure
+from paraopt.view.motion import draw_motion, list_page_bodies, write_motion_page
+from paraopt.view.page import build_page, write_page
+from paraopt.view.path_figure import draw_path
+
+__all__ = [
+    "Body",
+    "PathLine",
+    "Readout",
+    "build_page",
+    "draw_actuators",
+    "draw_margins",
+    "draw_motion",
+    "draw_path",
+    "draw_series",
+    "list_page_bodies",
+    "save_figure",
+    "write_motion_page",
+    "write_page",
+]

@@ -1,0 +1,146 @@
+"""A planned motion as figures and as a page: what the other modules of the room draw, taken from the planning room."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from paraopt.planning import Certificate, Problem, Seed, Trajectory
+from paraopt.scene import Scene
+from paraopt.scene.pairs import WORLD
+from paraopt.view.content import Body, PathLine, Readout
+from paraopt.view.figures import draw_actuators, draw_margins
+from paraopt.view.page import write_page
+from paraopt.view.path_figure import draw_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+def list_page_bodies(scene: Scene) -> tuple[Body, ...]:
+    """List the solids of a scene with the kind that decides their colour."""
+    mechanism = scene.robot.mechanism
+    tool = {v.link for v in mechanism.variables if v.role == "operational"}
+    driven = {v.link for v in mechanism.variables if v.role == "active"}
+
+    def kind(link: str) -> str:
+        if link == "world":
+            return "obstacle"
+        if link == mechanism.base.name:
+            return "base"
+        if link in tool:
+            return "platform"
+        return "actuator" if link in driven else "robot"
+
+    return tuple(Body(b.name, b.shape, -1 if b.frame == WORLD else b.frame, kind(b.link)) for b in scene.bodies)
+
+
+def trace(problem: Problem, X: Array) -> Array:
+    """Follow the origin of the link that carries the operational variables; shape (n, 3) [m]."""
+    mechanism = problem.robot.mechanism
+    carrier = next(v.link for v in mechanism.variables if v.role == "operational")
+    frame = [link.name for link in mechanism.links].index(carrier)
+    return problem.robot.kinematics.poses(X)[:, frame, :3, 3]
+
+
+def draw_motion(problem: Problem, seed: Seed, trajectory: Trajectory, certificate: Certificate) -> dict[str, Figure]:
+    """Draw the figures of a planned motion.
+
+    Args:
+        problem: What was asked.
+        seed: The first way.
+        trajectory: The timed motion.
+        certificate: Its certificate.
+
+    Returns:
+        Figures by name: "path", "actuators", "margins".
+    """
+    mechanism = problem.robot.mechanism
+    state = trajectory.state(np.linspace(0.0, trajectory.duration, 801))
+    names, a = tuple(mechanism.active), len(mechanism.active)
+    line = trace(problem, state.X)
+    lines = [PathLine("seed", trace(problem, seed.X), dashed=True), PathLine("refined path", line)]
+    low, high = problem.bounds.bounds(mechanism)
+    velocity, acceleration = (problem.bounds.of(q, names) for q in ("velocity", "acceleration"))
+    return {
+        "path": draw_path(
+            lines, problem.scene.obstacles, start=line[0], goal=line[-1], title=f"{problem.robot.name}: path in space"
+        ),
+        "actuators": draw_actuators(
+            state.t,
+            names,
+            state.X[:, :a],
+            state.velocity[:, :a],
+            state.acceleration[:, :a],
+            units=[v.unit for v in mechanism.variables[:a]],
+            position_limits=np.column_stack([low[:a], high[:a]]),
+            velocity_limits=np.column_stack([-velocity, velocity]),
+            acceleration_limits=np.column_stack([-acceleration, acceleration]),
+            title=f"{problem.robot.name}: actuators, {trajectory.method}",
+        ),
+        "margins": draw_margins(
+            certificate.t,
+            certificate.clearance if problem.scene.pairs else None,
+            problem.margins.clearance,
+            {"parallel": certificate.parallel_margin, "serial": certificate.serial_margin},
+            problem.margins.singularity,
+            title=f"{problem.robot.name}: margins along the motion",
+        ),
+    }
+
+
+def write_motion_page(
+    path: str | os.PathLike[str],
+    problem: Problem,
+    seed: Seed,
+    trajectory: Trajectory,
+    certificate: Certificate,
+    frames_per_second: float = 60.0,
+) -> Path:
+    """Write the moving robot and its obstacles as one page that opens offline and plays.
+
+    Args:
+        path: Target file.
+        problem: What was asked.
+        seed: The first way.
+        trajectory: The timed motion.
+        certificate: Its certificate.
+        frames_per_second: Sampled poses per second; the page interpolates between them.
+
+    Returns:
+        The target.
+    """
+    count = max(2, int(np.ceil(trajectory.duration * frames_per_second)) + 1)
+    t = np.linspace(0.0, trajectory.duration, count)
+    X = trajectory(t)
+    mechanism = problem.robot.mechanism
+
+    def at(values: Array) -> Array:
+        return np.interp(t, certificate.t, values)
+
+    readouts = []
+    if problem.scene.pairs:
+        clearance = 1e3 * at(certificate.clearance)
+        readouts.append(Readout("clearance", "mm", clearance, 1e3 * problem.margins.clearance))
+    readouts.append(Readout("parallel margin", "", at(certificate.parallel_margin), problem.margins.singularity))
+    for i, variable in enumerate(mechanism.variables[: len(mechanism.active)]):
+        length = variable.kind == "length"
+        readouts.append(Readout(variable.name, "mm" if length else "deg", X[:, i] * (1e3 if length else 180.0 / np.pi)))
+    return write_page(
+        path,
+        title=f"{problem.robot.name}: certified motion"
+        if certificate.passed
+        else f"{problem.robot.name}: NOT certified",
+        bodies=list_page_bodies(problem.scene),
+        times=t,
+        poses=problem.robot.kinematics.poses(X),
+        paths=[PathLine("seed", trace(problem, seed.X), dashed=True), PathLine("refined path", trace(problem, X))],
+        readouts=readouts[:6],
+        caption=f"{trajectory.duration:.3f} s, {trajectory.method}",
+    )

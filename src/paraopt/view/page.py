@@ -1,0 +1,265 @@
+"""Write a moving robot as one HTML file that opens without a network and plays.
+
+The file carries everything: three.js and the modules under `assets/` as `data:` URLs of an import map, the motion as
+base64 of 32-bit floats. Its content security policy forbids any request. A test drives it through `window.paraopt`,
+whose members are listed at the end of `assets/page.js`.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from paraopt.errors import DefinitionError, unknown_name
+from paraopt.io.files import write_atomically
+from paraopt.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from paraopt.spatial import AXES
+from paraopt.view import style
+from paraopt.view.content import Body, PathLine, Readout, finite_array, increasing_times
+
+MODULES: Mapping[str, str] = {
+    "three": "three/three.module.min.js",
+    "three/addons/controls/OrbitControls.js": "three/OrbitControls.js",
+    "paraopt/motion": "motion.js",
+    "paraopt/solids": "solids.js",
+    "paraopt/stage": "stage.js",
+    "paraopt/charts": "charts.js",
+}
+"""Modules of a page: the name by which they are imported, and the file under `assets/`."""
+
+
+def write_page(
+    path: str | os.PathLike[str],
+    *,
+    title: str,
+    bodies: Sequence[Body],
+    times: Any,
+    poses: Any,
+    paths: Sequence[PathLine] = (),
+    readouts: Sequence[Readout] = (),
+    up: str = "z",
+    caption: str = "",
+    pose_tolerance: float = 1e-6,
+) -> Path:
+    """Write a page that shows and plays the motion of a robot.
+
+    Between two samples the page interpolates positions linearly and orientations along the shortest arc.
+
+    Args:
+        path: File to write, usually `*.html`; missing folders are made, an old file is replaced at once or not at all.
+        title: Heading of the page.
+        bodies: Solids to draw.
+        times: Instants of the samples [s], increasing, shape (n,) with n >= 1.
+        poses: Poses `X_WF` of the frames that carry bodies, lengths in m, shape (n, n_frames, 4, 4).
+        paths: Lines in space, named in the legend.
+        readouts: Quantities shown under the view, each with one value per sample.
+        up: World axis that points upwards on the screen: "x", "y" or "z".
+        caption: A sentence under the heading.
+        pose_tolerance: Largest departure of `R^T R` from the identity accepted in `poses` [1].
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        DefinitionError: A size does not match, a value is not finite, a pose is not rigid, or there is nothing to draw.
+        OSError: The file cannot be written.
+    """
+    content = build_page(
+        title=title,
+        bodies=bodies,
+        times=times,
+        poses=poses,
+        paths=paths,
+        readouts=readouts,
+        up=up,
+        caption=caption,
+        pose_tolerance=pose_tolerance,
+    )
+    return write_atomically(path, content.encode("utf-8"))
+
+
+def build_page(
+    *,
+    title: str,
+    bodies: Sequence[Body],
+    times: Any,
+    poses: Any,
+    paths: Sequence[PathLine] = (),
+    readouts: Sequence[Readout] = (),
+    up: str = "z",
+    caption: str = "",
+    pose_tolerance: float = 1e-6,
+) -> str:
+    """Build the text of the page that `write_page` writes; arguments and errors are the same."""
+    if not bodies:
+        raise DefinitionError("bodies is empty; a page needs at least one solid to draw")
+    if up not in AXES:
+        raise unknown_name("axis that points up:", up, AXES)
+    instants = increasing_times(times)
+    X_WF = _check_poses(poses, len(instants), pose_tolerance)
+    _check_frames(bodies, X_WF.shape[1])
+    _check_readouts(readouts, len(instants))
+    used = sorted({int(body.frame) for body in bodies if body.frame >= 0})
+    data = {
+        "up": up,
+        "count": len(instants),
+        "frames": len(used),
+        "times": _encode(instants),
+        "poses": _encode(_positions_and_quaternions(X_WF[:, used])),
+        "bodies": [
+            {
+                "name": body.name,
+                "kind": body.kind,
+                "frame": used.index(int(body.frame)) if body.frame >= 0 else -1,
+                "shape": _describe(body.shape, body.name),
+                "pose": np.round(body.shape.pose, 9).ravel().tolist(),
+            }
+            for body in bodies
+        ],
+        "kinds": {kind: {"color": c, "label": style.KIND_LABELS[kind]} for kind, c in style.KIND_COLORS.items()},
+        "paths": [
+            {
+                "name": line.name,
+                "color": line.color or style.path_color(index),
+                "dashed": bool(line.dashed),
+                "points": _encode(line.points),
+            }
+            for index, line in enumerate(paths)
+        ],
+        "readouts": [
+            {
+                "name": readout.name,
+                "unit": readout.unit,
+                "bound": readout.bound,
+                "side": readout.side,
+                "values": _encode(readout.values),
+            }
+            for readout in readouts
+        ],
+        "colors": {"ink": style.INK, "muted": style.MUTED, "rule": style.RULE, "axes": _axis_colors()},
+    }
+    imports = {name: _data_url(_asset(file)) for name, file in MODULES.items()}
+    return _fill(
+        _asset("page.html"),
+        {
+            "title": html.escape(title),
+            "caption": html.escape(caption),
+            "style": _style_variables() + _asset("page.css"),
+            "data": _json_for_script(data),
+            "imports": _json_for_script({"imports": imports}),
+            "script": _asset("page.js"),
+            "license": _asset("three/LICENSE").strip(),
+        },
+    )
+
+
+def _check_poses(poses: Any, n_samples: int, tolerance: float) -> NDArray[np.float64]:
+    if isinstance(poses, np.ndarray) and poses.shape == (n_samples, 0, 4, 4):  # everything is fixed in the world
+        return np.zeros((n_samples, 0, 4, 4))
+    X_WF = finite_array(poses, (n_samples, None, 4, 4), "poses")
+    R = X_WF[..., :3, :3]
+    departure = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-1, -2))
+    rigid = (departure <= tolerance) & (np.linalg.det(R) > 0.0) & np.all(X_WF[..., 3, :] == (0, 0, 0, 1), axis=-1)
+    if not rigid.all():
+        sample, frame = (int(i) for i in np.argwhere(~rigid)[0])
+        raise DefinitionError(
+            f"poses: frame {frame} at sample {sample} is not a rigid pose: |R^T R - 1| is "
+            f"{departure[sample, frame]:.3g}, det R {np.linalg.det(R[sample, frame]):.6g}; "
+            f"expected at most {tolerance:g} and 1"
+        )
+    return X_WF
+
+
+def _check_frames(bodies: Sequence[Body], n_frames: int) -> None:
+    for body in bodies:
+        if body.frame >= n_frames:
+            raise DefinitionError(
+                f"frame of body {body.name!r} is {body.frame}, but poses hold {n_frames} frames (0 to {n_frames - 1})"
+            )
+
+
+def _check_readouts(readouts: Sequence[Readout], n_samples: int) -> None:
+    for readout in readouts:
+        if len(readout.values) != n_samples:
+            raise DefinitionError(
+                f"values of readout {readout.name!r}: there are {len(readout.values)} for {n_samples} times; "
+                "give one per time"
+            )
+
+
+def _positions_and_quaternions(X_WF: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn poses (n, f, 4, 4) into (n, f, 7): x y z [m], then the unit quaternion x y z w, continuous along time."""
+    n, f = X_WF.shape[:2]
+    result = np.zeros((n, f, 7))
+    result[..., :3] = X_WF[..., :3, 3]
+    if f:
+        quaternions = Rotation.from_matrix(X_WF[..., :3, :3].reshape(-1, 3, 3)).as_quat().reshape(n, f, 4)
+        turns = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0.0, -1.0, 1.0)
+        quaternions[1:] *= np.cumprod(turns, axis=0)[..., None]
+        result[..., 3:] = quaternions
+    return result
+
+
+def _describe(shape: Shape, name: str) -> dict[str, Any]:
+    match shape:
+        case Box():
+            return {"type": "box", "size": np.asarray(shape.size).tolist()}
+        case Sphere():
+            return {"type": "sphere", "radius": shape.radius}
+        case Cylinder() | Capsule():
+            return {"type": type(shape).__name__.lower(), "radius": shape.radius, "length": shape.length}
+    raise DefinitionError(
+        f"shape of body {name!r} is a {type(shape).__name__}; a page draws Box, Sphere, Cylinder and Capsule"
+    )
+
+
+def _encode(values: NDArray[np.float64]) -> str:
+    """Pack numbers as base64 of little-endian 32-bit floats."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+
+
+def _axis_colors() -> dict[str, str]:
+    return {"x": style.VERMILLION, "y": style.GREEN, "z": style.BLUE}
+
+
+def _style_variables() -> str:
+    names = {
+        "ink": style.INK,
+        "muted": style.MUTED,
+        "rule": style.RULE,
+        "paper": style.PAPER,
+        "surface": style.SURFACE,
+        "accent": style.BLUE,
+        "alert": style.VERMILLION,
+    }
+    return ":root { " + " ".join(f"--{name}: {color};" for name, color in names.items()) + " }\n"
+
+
+def _asset(name: str) -> str:
+    return (files("paraopt.view") / "assets" / name).read_text(encoding="utf-8")
+
+
+def _data_url(script: str) -> str:
+    return "data:text/javascript;base64," + base64.b64encode(script.encode("utf-8")).decode("ascii")
+
+
+def _json_for_script(value: Any) -> str:
+    """Write JSON that cannot end the script element that holds it."""
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _fill(template: str, parts: Mapping[str, str]) -> str:
+    """Replace every `{{name}}` in one pass, so that what is filled in is not searched again."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match.group(1)], template)
