@@ -141,7 +141,7 @@ class Kinematics:
         return self.functions.residual(X)[0]
 
     def scaled_residual(self, X: ArrayLike) -> Array:
-        """Give the largest residual of each sample, lengths in characteristic lengths [1]; X has shape (n, n_variables)."""
+        """Give the largest residual at n points X (n, n_variables), lengths in characteristic lengths [1]."""
         (F,) = self.functions.residual.batch(np.atleast_2d(np.asarray(X, dtype=float)))
         return np.max(np.abs(F) / self.graph.row_scale, axis=1, initial=0.0)
 

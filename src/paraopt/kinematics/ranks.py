@@ -28,7 +28,7 @@ class Rank:
 
     @property
     def gap(self) -> float:
-        """Give the ratio between the smallest value that counts and the largest that does not; inf when none is left."""
+        """Give the smallest value that counts over the largest that does not; inf when none is left."""
         return self.smallest_kept / self.largest_dropped if self.largest_dropped > 0 else np.inf
 
 

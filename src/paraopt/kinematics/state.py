@@ -278,5 +278,6 @@ def _smallest_generalised(A: Array, B: Array) -> tuple[Array, Array]:
     L = np.linalg.cholesky(B)
     inverse = np.linalg.inv(L)
     values, vectors = np.linalg.eigh(inverse @ A @ inverse.transpose(0, 2, 1))
-    w = np.einsum("nba,nb->na", inverse, vectors[:, :, 0])
-    return values[:, 0], w
+    w: Array = np.einsum("nba,nb->na", inverse, vectors[:, :, 0])
+    smallest: Array = values[:, 0]
+    return smallest, w

@@ -41,7 +41,7 @@ class Path:
     """Describe a geometric path of a robot over s in [0, 1].
 
     Calling it gives values or derivatives of *all* variables: the independent ones from the spline, the others by
-    solving the closures, and their derivatives by the implicit-function theorem. Closure therefore holds at every point.
+    solving the closures, and their derivatives by the implicit-function theorem. Closure thus holds at every point.
 
     Attributes:
         robot: The machine.

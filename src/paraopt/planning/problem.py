@@ -81,7 +81,7 @@ class Problem:
 
     @cached_property
     def metric(self) -> Array:
-        """Give the weight of each independent coordinate in lengths: 1 for lengths, the characteristic length for angles."""
+        """Give the weight of each independent coordinate: 1 for lengths, the characteristic length for angles."""
         mechanism = self.robot.mechanism
         kinds = {v.name: v.kind for v in mechanism.variables}
         return np.array([1.0 if kinds[n] == "length" else mechanism.length for n in self.independent])

@@ -103,7 +103,7 @@ class SplineRefiner:
         degree: Degree of the spline, at least 3.
         samples_per_control: Samples for each control point.
         barrier: Weight of the barriers [1].
-        horizon: Distance at which the distance barrier begins [m]; four times the clearance, at least 0.02 m, when None.
+        horizon: Distance at which the distance barrier begins [m]; four times the clearance, at least 0.02, when None.
         iterations: Bound on IPOPT's iterations in one round.
         rounds: Bound on the optimisations: after each one the path is checked densely, and bounds are tightened where
             it fails between the samples.
@@ -182,7 +182,7 @@ class SplineRefiner:
         values = nlp.evaluator(spline(nlp.samples[1:-1]))
         if not values.converged:
             raise RefineError("the closures fail on the refined path", spline=spline)
-        X = np.vstack([problem.start_configuration.X, values.X, _goal_X(problem, values.X[-1], spline(1.0))])
+        X = np.vstack([problem.start_configuration.X, values.X, _solve_goal(problem, values.X[-1], spline(1.0))])
         return Path(problem.robot, problem.independent, spline, nlp.samples, X)
 
 
@@ -233,7 +233,6 @@ def build_nlp(
         The nonlinear program with its first guess.
     """
     options, slack = options or SplineRefiner(), slack or _Slack()
-    m = len(problem.independent)
     controls = options.controls or int(np.clip(8 + 2 * (len(seed.points) - 2), 8, 24))
     degree = options.degree
     knots = np.concatenate([np.zeros(degree), np.linspace(0, 1, controls - degree + 1), np.ones(degree)])
@@ -325,8 +324,8 @@ def solve_nlp(
     if not np.all(np.isfinite(x)) or (excess.size and not excess[worst] < 1e-4):
         at = nlp.samples[1 + worst // max(len(nlp.labels), 1)]
         raise RefineError(
-            f"IPOPT found no feasible path ({stats['return_status']}): {nlp.labels[worst % len(nlp.labels)]} is off its "
-            f"bound by {excess[worst]:.3g} at s = {at:.3f}",
+            f"IPOPT found no feasible path ({stats['return_status']}): {nlp.labels[worst % len(nlp.labels)]} is off "
+            f"its bound by {excess[worst]:.3g} at s = {at:.3f}",
             nlp=nlp,
             x=x,
             stats=stats,
@@ -507,15 +506,15 @@ def _configurations(problem: Problem, seed: Seed, spline: BSpline, samples: Arra
             if not np.all(closed.converged):
                 i = int(np.argmin(closed.converged))
                 raise RefineError(
-                    f"the closures fail beside the seed at s = {samples[i]:.3f}: the fitted spline leaves the reachable "
-                    "space; take a finer seed or more control points",
+                    f"the closures fail beside the seed at s = {samples[i]:.3f}: the fitted spline leaves the "
+                    "reachable space; take a finer seed or more control points",
                     seed=seed,
                 )
             X = closed.X
     return X
 
 
-def _goal_X(problem: Problem, near: Array, values: Array) -> Array:
+def _solve_goal(problem: Problem, near: Array, values: Array) -> Array:
     """Solve the goal from the last sample, so that angles stay unwrapped along the path."""
     return problem.robot.kinematics.solve_batch(problem.independent, values[None, :], near[None, :]).X[0]
 

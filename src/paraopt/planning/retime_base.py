@@ -101,7 +101,7 @@ def measure_use(drives: DrivePath, law: TimeLaw, times: Array, path_third: Array
         drives: The actuators at `law(times)`.
         law: The time law.
         times: Times [s], shape (n,).
-        path_third: Third derivatives of the actuators with respect to s, shape (n, n_active); jerk is left out when None.
+        path_third: Third derivatives of the actuators with respect to s, shape (n, n_active); no jerk when None.
 
     Returns:
         The largest shares. Where the acceleration of the law jumps, both sides count.

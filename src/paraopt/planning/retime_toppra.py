@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 logging.getLogger("toppra").setLevel(logging.CRITICAL)
 
 
-class _GridPath(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]
+class _GridPath(toppra.interpolator.AbstractGeometricPath):
     """Show the actuators at the grid points to toppra, with exact derivatives."""
 
     def __init__(self, drives: DrivePath) -> None:
@@ -127,7 +127,7 @@ class TimeOptimal:
         stalled = np.flatnonzero(means <= 1e-10)
         if stalled.size:
             raise RetimeError(
-                f"the path speed falls to zero at s = {s[stalled[0]]:.4f}, where the path cannot be followed at any speed "
+                f"the path speed falls to zero at s = {s[stalled[0]]:.4f}, where no speed can follow the path "
                 "(a cusp, or repeated points)",
                 path=path,
                 s=float(s[stalled[0]]),

@@ -41,8 +41,8 @@ class Validity:
 
     Args:
         problem: The problem.
-        reach: Largest departure of any variable from its linear prediction, in characteristic lengths or radians; beyond
-            it the branch counts as lost.
+        reach: Largest departure of any variable from its linear prediction, in characteristic lengths or radians;
+            beyond it the branch counts as lost.
     """
 
     def __init__(self, problem: Problem, reach: float = 0.5) -> None:

@@ -148,8 +148,8 @@ class _Grid:
             blocked = [edge for edge, free in zip(edges, self._free_edges(edges, known), strict=True) if not free]
             detours = {edge: self._detour(edge, known, origin) for edge in blocked}
             closed.update(edge for edge, node in detours.items() if node is None)
-            if all(node is not None for node in detours.values()):
-                for (a, _), node in detours.items():
+            if not any(node is None for node in detours.values()):
+                for (a, _), node in ((edge, node) for edge, node in detours.items() if node is not None):
                     i = nodes.index(a) + 1
                     nodes.insert(i, node)
                     modes.insert(i, modes[i - 1])
