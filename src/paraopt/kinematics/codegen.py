@@ -12,7 +12,8 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,8 +28,9 @@ logger = logging.getLogger("paraopt")
 Backend = Literal["auto", "compiled", "virtual machine"]
 Array = NDArray[np.float64]
 
-_FLAGS = ("-O1", "-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off")
-# the loop over a batch; argument k of sample i starts at in[k] + i*in_step[k]
+_FLAGS = ("-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off")
+_STACK = 20000  # work vectors up to this many numbers live on the stack
+# one point, and the loop over a batch: argument k of sample i starts at in[k] + i*in_step[k]
 _DRIVER = r"""
 #include <stdlib.h>
 #ifdef _WIN32
@@ -36,22 +38,32 @@ _DRIVER = r"""
 #else
 #define PARAOPT_EXPORT
 #endif
-PARAOPT_EXPORT int paraopt_batch(long long n, const double** in, const long long* in_step,
-                                 double** out, const long long* out_step) {
-  casadi_int na, nr, ni, nw, k; long long i; int flag = 0;
-  %(name)s_work(&na, &nr, &ni, &nw);
-  const double** arg = (const double**) malloc((na + 1)*sizeof(double*));
-  double** res = (double**) malloc((nr + 1)*sizeof(double*));
-  casadi_int* iw = (casadi_int*) malloc((ni + 1)*sizeof(casadi_int));
-  double* w = (double*) malloc((nw + 1)*sizeof(double));
-  if (!arg || !res || !iw || !w) flag = -1;
+static int paraopt_run(long long n, const double** in, const long long* in_step,
+                       double** out, const long long* out_step, casadi_int* iw, double* w) {
+  const double* arg[%(sz_arg)d + 1]; double* res[%(sz_res)d + 1]; long long i; int k, flag = 0;
   for (i = 0; i < n && !flag; ++i) {
-    for (k = 0; k < %(n_in)d; ++k) arg[k] = in[k] + i*in_step[k];
-    for (k = 0; k < %(n_out)d; ++k) res[k] = out[k] + i*out_step[k];
+    for (k = 0; k < %(n_in)d; ++k) arg[k] = in[k] + (in_step ? i*in_step[k] : 0);
+    for (k = 0; k < %(n_out)d; ++k) res[k] = out[k] + (out_step ? i*out_step[k] : 0);
     flag = %(name)s(arg, res, iw, w, 0);
   }
-  free(arg); free(res); free(iw); free(w);
   return flag;
+}
+PARAOPT_EXPORT int paraopt_batch(long long n, const double** in, const long long* in_step,
+                                 double** out, const long long* out_step) {
+  int flag = -1;
+#if %(on_stack)d
+  casadi_int iw[%(sz_iw)d + 1]; double w[%(sz_w)d + 1];
+  flag = paraopt_run(n, in, in_step, out, out_step, iw, w);
+#else
+  casadi_int* iw = (casadi_int*) malloc((%(sz_iw)d + 1)*sizeof(casadi_int));
+  double* w = (double*) malloc((%(sz_w)d + 1)*sizeof(double));
+  if (iw && w) flag = paraopt_run(n, in, in_step, out, out_step, iw, w);
+  free(iw); free(w);
+#endif
+  return flag;
+}
+PARAOPT_EXPORT int paraopt_point(void** buffers) {
+  return paraopt_batch(1, (const double**) buffers[0], 0, (double**) buffers[1], 0);
 }
 """
 
@@ -155,13 +167,24 @@ class CompiledFunction:
         Returns:
             One array of shape (rows, columns) for each output; columns of width 1 come as vectors.
         """
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in arguments]
-        for array, size, k in zip(arrays, self._in_sizes, range(len(arrays)), strict=True):
-            if array.size != size:
-                raise DefinitionError(f"input {k} of {self.name} has {array.size} numbers; it must have {size}")
-        results = [np.empty(size) for size in self._out_sizes]
-        self._run(1, arrays, [0] * len(arrays), results)
-        return tuple(r if s[1] == 1 else r.reshape(s) for r, s in zip(results, self.out_shapes, strict=True))
+        bound = self._bound
+        if len(arguments) != len(bound.inputs):
+            raise DefinitionError(f"{self.name} takes {len(bound.inputs)} inputs; {len(arguments)} were given")
+        for k, (buffer, argument) in enumerate(zip(bound.inputs, arguments, strict=True)):
+            array = np.asarray(argument, dtype=float)
+            if array.size != buffer.size:
+                raise DefinitionError(f"input {k} of {self.name} has {array.size} numbers; it must have {buffer.size}")
+            buffer[...] = array.reshape(buffer.shape)
+        bound()
+        return tuple([output.copy() for output in bound.outputs])
+
+    def bind(self) -> BoundFunction:
+        """Give the function with buffers of its own, for loops that call it at one point after the other."""
+        return BoundFunction(self)
+
+    @cached_property
+    def _bound(self) -> BoundFunction:
+        return self.bind()
 
     def batch(self, *arguments: Any) -> tuple[Array, ...]:
         """Evaluate at n points without a Python loop in compiled code.
@@ -190,15 +213,48 @@ class CompiledFunction:
         self._run(n, arrays, steps, results)
         return tuple(r if s[1] == 1 else r.reshape(n, *s) for r, s in zip(results, self.out_shapes, strict=True))
 
+    def trigger(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> Callable[[], None]:
+        """Build what evaluates the function from given input buffers into given output buffers.
+
+        Args:
+            inputs: Contiguous arrays, kept alive by the result.
+            outputs: Contiguous arrays, kept alive by the result.
+
+        Returns:
+            A function without arguments.
+        """
+        if self._library is None:
+            buffer, run = self._function.buffer()
+            for k, array in enumerate(inputs):
+                buffer.set_arg(k, array.reshape(-1).data)
+            for k, array in enumerate(outputs):
+                buffer.set_res(k, array.reshape(-1).data)
+            held = (buffer, inputs, outputs)
+
+            def evaluate() -> None:
+                _ = held
+                run()
+
+            return evaluate
+        point = self._library.paraopt_point
+        arguments = _pointers(inputs), _pointers(outputs)
+        both = (ctypes.c_void_p * 2)(*[ctypes.addressof(a) for a in arguments])
+        address, kept = ctypes.addressof(both), (inputs, outputs, arguments, both)
+
+        def evaluate_compiled() -> None:
+            if point(address) != 0:
+                raise BackendError(f"compiled {self.name} failed", buffers=kept)
+
+        return evaluate_compiled
+
     def _run(self, n: int, arrays: list[Array], steps: list[int], results: list[Array]) -> None:
         if n == 0:
             return
         if self._library is not None:
-            pointers_in = (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
-            pointers_out = (ctypes.c_void_p * len(results))(*[r.ctypes.data for r in results])
+            pointers_in, pointers_out = _pointers(arrays), _pointers(results)
             steps_in = (ctypes.c_longlong * len(steps))(*steps)
             steps_out = (ctypes.c_longlong * len(results))(*self._out_sizes)
-            flag = self._library(n, pointers_in, steps_in, pointers_out, steps_out)
+            flag = self._library.paraopt_batch(n, pointers_in, steps_in, pointers_out, steps_out)
             if flag != 0:
                 raise BackendError(f"compiled {self.name} returned {flag}")
             return
@@ -219,18 +275,51 @@ class CompiledFunction:
             done += take
 
 
+class BoundFunction:
+    """Call a compiled function on fixed buffers: fill `inputs`, call, read `outputs`; nothing is allocated or copied.
+
+    Attributes:
+        inputs: One array for each input, to be written in place.
+        outputs: One array for each output, overwritten by each call.
+
+    Args:
+        function: The function.
+    """
+
+    def __init__(self, function: CompiledFunction) -> None:
+        def build(shapes: list[tuple[int, int]]) -> tuple[Array, ...]:
+            return tuple(np.zeros(shape[0] if shape[1] == 1 else shape) for shape in shapes)
+
+        self.inputs, self.outputs = build(function.in_shapes), build(function.out_shapes)
+        self._trigger = function.trigger(self.inputs, self.outputs)
+
+    def __call__(self) -> None:
+        """Evaluate."""
+        self._trigger()
+
+
+def _pointers(arrays: Sequence[Array]) -> Any:
+    return (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
+
+
 def _load(function: ca.Function, compiler: str) -> Any:
-    """Compile a function, or take it from the cache, and return its batch entry point."""
+    """Compile a function, or take it from the cache, and return the library."""
     name = function.name()
-    recipe = "|".join([ca.__version__, _compiler_identity(compiler), *_FLAGS, _DRIVER, function.serialize()])
+    flags = _flags(function)
+    recipe = "|".join([ca.__version__, _compiler_identity(compiler), *flags, _DRIVER, function.serialize()])
     key = hashlib.sha256(recipe.encode()).hexdigest()[:32]
     target = cache_folder() / f"{name}-{key}.so"
     if not target.exists():
         _compile(function, compiler, target)
-    entry = ctypes.CDLL(str(target)).paraopt_batch
-    entry.restype = ctypes.c_int
-    entry.argtypes = [ctypes.c_longlong, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
-    return entry
+    library = ctypes.CDLL(str(target))
+    library.paraopt_batch.argtypes = [ctypes.c_longlong, *[ctypes.c_void_p] * 4]
+    library.paraopt_point.argtypes = [ctypes.c_void_p]
+    return library
+
+
+def _flags(function: ca.Function) -> tuple[str, ...]:
+    """Optimise plain expressions fully; long chains of calls (the factorisations) gain nothing and compile slowly."""
+    return ("-O3" if function.is_a("SXFunction") else "-O1", *_FLAGS)
 
 
 def _compile(function: ca.Function, compiler: str, target: Path) -> None:
@@ -240,10 +329,11 @@ def _compile(function: ca.Function, compiler: str, target: Path) -> None:
         generator = ca.CodeGenerator(source.name)
         generator.add(function)
         code = generator.dump()
-        names = {"name": name, "n_in": function.n_in(), "n_out": function.n_out()}
+        sizes = {key: getattr(function, key)() for key in ("n_in", "n_out", "sz_arg", "sz_res", "sz_iw", "sz_w")}
+        names = {"name": name, "on_stack": int(sizes["sz_w"] + sizes["sz_iw"] <= _STACK), **sizes}
         source.write_text(code + _DRIVER % names)
         product = source.with_suffix(".so")
-        command: Sequence[str] = [compiler, *_FLAGS, str(source), "-o", str(product), "-lm"]
+        command: Sequence[str] = [compiler, *_flags(function), str(source), "-o", str(product), "-lm"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise BackendError(f"{compiler} failed on {name}: {done.stderr.strip()[:500]}", command=command)

@@ -269,7 +269,7 @@ def report_state(kinematics: Kinematics, configuration: Configuration) -> StateR
 def _smallest_and_volume(rows: Array) -> tuple[Array, Array]:
     if rows.shape[1] < rows.shape[2]:  # fewer imposed variables than motions: some motion is always free
         return np.zeros(len(rows)), np.full(len(rows), -np.inf)
-    values = np.linalg.svd(rows, compute_uv=False)
+    values = np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=float)
     return values[:, -1], np.sum(np.log(np.maximum(values, 1e-300)), axis=1)
 
 
