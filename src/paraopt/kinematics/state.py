@@ -206,26 +206,27 @@ class MotionSpace:
         k, j = self._pairs
         H = self.kinematics.curvature(X, T[:, :, k], T[:, :, j], self.independent) / scale
         S = T / scale
-        dS = np.empty((n, S.shape[1], m, m))  # derivative of column j along coordinate k
+        dS = np.empty((n, S.shape[1], m, m))  # [sample, variable, column j, along coordinate k]
         dS[:, :, k, j] = H
         dS[:, :, j, k] = H
+        flat = dS.reshape(n, -1, m)
         gram = S.transpose(0, 2, 1) @ S
-        inverse = np.linalg.inv(gram)
         # d log sqrt(det(S^T S)) = tr((S^T S)^-1 S^T dS)
-        d_log_all = np.einsum("nab,nvb,nvak->nk", inverse, S, dS)
+        d_log_all = ((S @ np.linalg.inv(gram)).reshape(n, 1, -1) @ flat)[:, 0]
+        log_all = np.linalg.slogdet(gram)[1]
         results: list[Array] = []
         values: list[Array] = []
         for rows in (self._active, self._operational):
-            A, dA = S[:, rows], dS[:, rows]
+            A, dA = S[:, rows], dS[:, rows].reshape(n, -1, m)
             gram_rows = A.transpose(0, 2, 1) @ A
             sigma2, w = _smallest_generalised(gram_rows, gram)
-            Sw, Aw = np.einsum("nvb,nb->nv", S, w), np.einsum("nvb,nb->nv", A, w)
-            d_sigma2 = 2.0 * (
-                np.einsum("nv,nvbk,nb->nk", Aw, dA, w) - sigma2[:, None] * np.einsum("nv,nvbk,nb->nk", Sw, dS, w)
-            )
+            Aw, Sw = (B @ w[:, :, None] * w[:, None, :] for B in (A, S))  # (B w) w^T
+            d_sigma2 = 2.0 * (Aw.reshape(n, 1, -1) @ dA)[:, 0]
+            d_sigma2 -= 2.0 * sigma2[:, None] * (Sw.reshape(n, 1, -1) @ flat)[:, 0]
             sigma = np.sqrt(np.maximum(sigma2, 1e-300))
-            d_log_rows = np.einsum("nab,nvb,nvak->nk", np.linalg.pinv(gram_rows, hermitian=True), A, dA)
-            values += [sigma, 0.5 * (np.linalg.slogdet(gram_rows)[1] - np.linalg.slogdet(gram)[1])]
+            ridge = 1e-15 * np.trace(gram_rows, axis1=1, axis2=2)[:, None, None] * np.eye(m)
+            d_log_rows = ((A @ np.linalg.inv(gram_rows + ridge)).reshape(n, 1, -1) @ dA)[:, 0]
+            values += [sigma, 0.5 * (np.linalg.slogdet(gram_rows)[1] - log_all)]
             results += [d_sigma2 / (2.0 * sigma[:, None]), d_log_rows - d_log_all]
         margins = Margins(values[0], values[2], values[1], values[3])
         return margins, results[0], results[2], results[1], results[3]

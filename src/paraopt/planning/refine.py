@@ -145,7 +145,7 @@ class SplineRefiner:
         Raises:
             RefineError: No such path was found; the evidence holds the last path and what it violates.
         """
-        options, slack = self, _Slack()
+        options, slack = self, _Slack(clearance=self._sag(problem, seed))
         extra = np.arange(0)
         guess: Array | None = None
         iterations = evaluations = 0
@@ -175,6 +175,13 @@ class SplineRefiner:
             violation=violation,
             seed=seed,
         )
+
+    def _sag(self, problem: Problem, seed: Seed) -> float:
+        """Estimate how far the clearance falls between samples: the sag of a chord on a curve as tight as the horizon."""
+        if not problem.scene.pairs:
+            return 0.0
+        n = self.samples_per_control * _count_controls(self, seed)
+        return (seed.length / n) ** 2 / (8.0 * _choose_horizon(self, problem))
 
     def _path(self, nlp: Nlp, x: Array) -> Path:
         problem = nlp.problem
@@ -233,7 +240,7 @@ def build_nlp(
         The nonlinear program with its first guess.
     """
     options, slack = options or SplineRefiner(), slack or _Slack()
-    controls = options.controls or int(np.clip(8 + 2 * (len(seed.points) - 2), 8, 24))
+    controls = _count_controls(options, seed)
     degree = options.degree
     knots = np.concatenate([np.zeros(degree), np.linspace(0, 1, controls - degree + 1), np.ones(degree)])
     samples = np.linspace(0.0, 1.0, options.samples_per_control * controls + 1)
@@ -241,7 +248,7 @@ def build_nlp(
     first = _fit(seed, knots, degree, samples)
     near = _configurations(problem, seed, first, samples[1:-1])
     clearance = problem.margins.clearance
-    horizon = options.horizon if options.horizon is not None else max(4.0 * clearance, 0.02)
+    horizon = _choose_horizon(options, problem)
     pairs = problem.scene.near_pairs(near, horizon) if problem.scene.pairs else np.arange(0)
     if extra_pairs is not None:
         pairs = np.union1d(pairs, extra_pairs)
@@ -466,6 +473,14 @@ def _length_hessian(evaluation: _Evaluation) -> ca.Function:
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", evaluation.n_g)
     H = np.triu(2.0 * np.kron(evaluation.energy[1:-1, 1:-1], np.eye(evaluation.m)))
     return ca.Function("hess_lag", [x, p, lam_f, lam_g], [lam_f * ca.sparsify(ca.DM(H))])
+
+
+def _count_controls(options: SplineRefiner, seed: Seed) -> int:
+    return options.controls or int(np.clip(8 + 2 * (len(seed.points) - 2), 8, 24))
+
+
+def _choose_horizon(options: SplineRefiner, problem: Problem) -> float:
+    return options.horizon if options.horizon is not None else max(4.0 * problem.margins.clearance, 0.02)
 
 
 def _ends(problem: Problem) -> Array:

@@ -98,10 +98,12 @@ class TimeOptimal:
         raise AssertionError("unreachable: the last attempt returns")
 
     def _solve(self, problem: Problem, path: Path, n: int) -> TimeLaw:
+        # denser towards the ends, where the motion is slow, so that the points are spread more evenly in time;
         # the path's second derivative has its corners at the knots: they are grid points too
-        uniform = np.linspace(0.0, 1.0, n + 1)
+        u = np.linspace(0.0, 1.0, n + 1)
+        spread = 0.3 * u + 0.7 * 0.5 * (1.0 - np.cos(np.pi * u))
         knots = np.unique(path.spline.t)
-        s = np.union1d(uniform, knots[np.min(np.abs(knots[:, None] - uniform), axis=1) > 0.1 / n])
+        s = np.union1d(spread, knots[np.min(np.abs(knots[:, None] - spread), axis=1) > 0.1 / n])
         drives = sample_drives(problem, path, s)
         scheme = toppra.constraint.DiscretizationType.Interpolation
         constraints = [

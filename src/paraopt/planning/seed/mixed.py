@@ -25,7 +25,7 @@ class MixedSearch:
     """Search a grid of the operational space, in depth while free and in breadth along blocked positions.
 
     Attributes:
-        step: Step of the grid in the problem's metric [m]; a tenth of the distance when None.
+        step: Step of the grid in the problem's metric [m]; an eighth of the distance when None.
         refinements: How often the step is halved when no way is found or a way fails between its nodes.
         resolution: Spacing of the checks along an edge, as a fraction of the step.
         max_checks: Number of poses that may be judged before the search gives up.
@@ -67,7 +67,7 @@ class MixedSearch:
         distance = float(np.linalg.norm((goal - begin) * problem.metric))
         if distance == 0.0:
             raise DefinitionError("start and goal are the same pose: there is nothing to plan")
-        step = self.step if self.step is not None else distance / 10.0
+        step = self.step if self.step is not None else distance / 8.0
         last: NoPathError | None = None
         for _ in range(self.refinements + 1):
             grid = _Grid(problem, validity, step, self.resolution, self.max_checks)
