@@ -6,7 +6,7 @@ defaults here are ours, placed so that the straight motion is blocked by the too
 above, the cylinder lower than the robot can dip, the box wider than it can reach.
 
 Expected: certified motions of about 120, 159 and 139 mm; the first stays straight, the second keeps its height
-within a few millimetres and swings out by about 47 mm, the third dips by about 25 mm. The source needed about 20 s a
+within a few millimetres and swings out by about 47 mm, the third dips by about 20 mm. The source needed about 20 s a
 task on an Athlon 64.
 """
 

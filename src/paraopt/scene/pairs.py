@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -106,36 +107,66 @@ def choose_pairs(robot: Robot, bodies: Sequence[Body]) -> tuple[tuple[Pair, ...]
     return tuple(checked), tuple(skipped)
 
 
-def find_neighbours(robot: Robot) -> dict[frozenset[str], str]:
+@dataclass(frozen=True)
+class _Tie:
+    """Describe how a link is tied to another: by what, and at which of its own points (None when it slides)."""
+
+    other: str
+    kind: str
+    point: tuple[float, float, float] | None
+
+
+def find_neighbours(robot: Robot, reach: float = 0.05) -> dict[frozenset[str], str]:
     """Find the links joined to each other, directly or through links that carry no solid.
+
+    A link without a solid (the cross of a cardan, a bare end point) makes neighbours of what is tied to it at the same
+    place; a bare base or platform does not make neighbours of legs that are tied to it at different places.
+
+    Args:
+        robot: The machine.
+        reach: Distance, in characteristic lengths, within which two ties are at the same place.
 
     Returns:
         For each pair of names the reason, such as "joined by a joint".
     """
-    mechanism = robot.mechanism
-    edges: dict[str, list[tuple[str, str]]] = {link.name: [] for link in mechanism.links}
-
-    def join(a: str, b: str, how: str) -> None:
-        edges[a].append((b, how))
-        edges[b].append((a, how))
-
-    for link in mechanism.links:
-        if isinstance(link, Series):
-            join(link.name, link.father, "a joint")
-    for closure in mechanism.closures:
-        join(closure.link_A, closure.link_B, "a closure")
+    ties = _list_ties(robot)
+    reach *= robot.mechanism.length
     found: dict[frozenset[str], str] = {}
-    for start in (name for name in edges if robot.shapes.get(name)):
-        waiting, seen = [(start, "", 0)], {start}
+    for start in (name for name in ties if robot.shapes.get(name)):
+        waiting = [
+            (tie.other, tie.kind, back) for tie in ties[start] for back in ties[tie.other] if back.other == start
+        ]
+        seen: set[tuple[str, str]] = set()
         while waiting:
-            here, how, hops = waiting.pop()
-            for there, kind in edges[here]:
-                if there in seen:
+            here, kind, arrived = waiting.pop()
+            if robot.shapes.get(here):
+                if here != start:
+                    found.setdefault(frozenset((start, here)), f"joined by {kind}")
+                continue
+            for tie in ties[here]:
+                if tie.other == start or (here, tie.other) in seen or not _is_near(arrived.point, tie.point, reach):
                     continue
-                seen.add(there)
-                if robot.shapes.get(there):
-                    via = f"joined by {kind}" if hops == 0 else f"joined through {how or here!r}, which has no solid"
-                    found.setdefault(frozenset((start, there)), via)
-                else:
-                    waiting.append((there, how or there, hops + 1))
+                seen.add((here, tie.other))
+                via = kind if kind.startswith("way of") else f"way of {here!r}, which has no solid"
+                waiting += [(tie.other, via, back) for back in ties[tie.other] if back.other == here]
     return found
+
+
+def _list_ties(robot: Robot) -> dict[str, list[_Tie]]:
+    ties: dict[str, list[_Tie]] = {link.name: [] for link in robot.mechanism.links}
+    origin = (0.0, 0.0, 0.0)
+    for link in robot.mechanism.links:
+        if isinstance(link, Series):
+            slides = any(m.kind == "length" for m in link.motions)
+            x, y, z = link.at
+            ties[link.father].append(_Tie(link.name, "a joint", None if slides else (x, y, z)))
+            ties[link.name].append(_Tie(link.father, "a joint", None if slides else origin))
+    for closure in robot.mechanism.closures:
+        points = [getattr(closure, key, None) for key in ("point_A", "point_B")]
+        ties[closure.link_A].append(_Tie(closure.link_B, "a closure", points[0]))
+        ties[closure.link_B].append(_Tie(closure.link_A, "a closure", points[1]))
+    return ties
+
+
+def _is_near(a: tuple[float, float, float] | None, b: tuple[float, float, float] | None, reach: float) -> bool:
+    return a is not None and b is not None and math.dist(a, b) <= reach

@@ -180,7 +180,7 @@ def draw_margins(
 
     Args:
         times: Instants [s], increasing, shape (n,).
-        clearance: Least distance between solids [m], shape (n,).
+        clearance: Least distance between solids [m], shape (n,); None where nothing can collide.
         clearance_bound: Clearance asked for [m]; None for none.
         margins: Singularity margins by name [1], each of shape (n,).
         margin_bound: Margin asked for [1]; None for none.
@@ -193,22 +193,25 @@ def draw_margins(
         DefinitionError: A size does not match or a value is not finite.
     """
     t = increasing_times(times)
-    distances = finite_array(clearance, (len(t),), "clearance")
+    distances = None if clearance is None else finite_array(clearance, (len(t),), "clearance")
     curves = _check_series(t, margins, "margins")
     bounds = [
         None if value is None else float(finite_array([value], (1,), what)[0])
         for value, what in ((clearance_bound, "clearance bound"), (margin_bound, "margin bound"))
     ]
-    factor, unit = display_scale("m", distances, [bounds[0] or 0.0])
-    figure = new_figure(7.4, 5.2)
+    figure = new_figure(7.4, 5.2 if distances is not None else 3.0)
     figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
-    above, below = figure.subplots(2, 1, sharex=True)
-    above.plot(t, factor * distances, color=style.series_color(0))
-    if bounds[0] is not None:
-        _draw_limit(above, factor * bounds[0], "asked", label_unit=unit)
-    _mark_least(above, t, {"": factor * distances}, unit)
-    above.set_ylabel(axis_label("clearance", unit))
-    above.margins(y=0.18)
+    panels = figure.subplots(1 if distances is None else 2, 1, sharex=True, squeeze=False)[:, 0]
+    below = panels[-1]
+    if distances is not None:
+        above = panels[0]
+        factor, unit = display_scale("m", distances, [bounds[0] or 0.0])
+        above.plot(t, factor * distances, color=style.series_color(0))
+        if bounds[0] is not None:
+            _draw_limit(above, factor * bounds[0], "asked", label_unit=unit)
+        _mark_least(above, t, {"": factor * distances}, unit)
+        above.set_ylabel(axis_label("clearance", unit))
+        above.margins(y=0.18)
 
     for index, (name, values) in enumerate(curves.items()):
         below.plot(t, values, color=style.series_color(index), linestyle=style.series_dash(index), label=name)
@@ -224,7 +227,7 @@ def draw_margins(
     below.margins(y=0.18)
     fit_range(below, t)
     _place_legend(below, len(curves))
-    figure.align_ylabels([above, below])
+    figure.align_ylabels(list(panels))
     return figure
 
 
