@@ -103,7 +103,7 @@ class Plan:
         Args:
             folder: Where to; made when missing. Each file appears whole or not at all.
             period: Time between the rows of the CSV [s].
-            view: Whether to draw figures and page.
+            view: Whether to draw figures and page; a robot without solids has no page.
 
         Returns:
             The files by name.
@@ -121,7 +121,7 @@ class Plan:
         }
         for name, figure in figures.items():
             files[name] = save_figure(figure, target / f"{name}.png")
-        if view:
+        if view and self.problem.scene.bodies:
             files["page"] = write_motion_page(
                 target / "motion.html", self.problem, self.seed, self.trajectory, self.certificate
             )
