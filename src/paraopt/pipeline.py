@@ -173,7 +173,7 @@ def plan(
     trajectory = run("retime", lambda: retimer.retime(problem, refined.path))
     # ten times denser than whatever the refiner and the retimer looked at
     dense = 10 * max(refined.n_samples, trajectory.n_grid)
-    certificate = run("verify", lambda: verify(problem, trajectory, at_least=dense))
+    certificate = run("verify", lambda: verify(problem, trajectory, at_least=dense, check_jerk=retimer.bounds_jerk))
     options = {"seeder": seeder, "refiner": refiner, "retimer": retimer}
     result = Plan(problem, seed, refined, trajectory, certificate, timings, options)
     if not allow_failed:

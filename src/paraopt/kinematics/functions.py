@@ -89,6 +89,15 @@ class FunctionSet:
         y = self._solve(self._factor(X, free, damping), -f, 0)
         return self._compile("step", [X, free, damping], [self._variable_scale * free * y, f])
 
+    @cached_property
+    def closure_hessian(self) -> CompiledFunction:
+        """Map (X, multipliers) to the scaled second derivatives of `multipliers . F`, shape (n, n) [1]."""
+        X = self.graph.X
+        multipliers = ca.SX.sym("multipliers", self._scaled_residual.numel())
+        gradient = ca.jtimes(self._scaled_residual, X, multipliers, True)
+        scale = ca.diag(self._variable_scale)
+        return self._compile("closure_hessian", [X, multipliers], [scale @ ca.jacobian(gradient, X) @ scale])
+
     def tangent(self, width: int) -> CompiledFunction:
         """Map (X, free, D, damping) to the motions T of all variables that impose the directions D.
 

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from paraopt.kinematics.functions import FunctionSet
-from paraopt.kinematics.ranks import independent_rows
+from paraopt.kinematics.ranks import RANK_TOLERANCE
 
 Array = NDArray[np.float64]
 
@@ -131,11 +131,12 @@ def solve_nearest(
 
     `minimise 1/2 sum w_i^2 (X_i - target_i)^2 / s_i^2  subject to  F(X) = 0,  lower <= X <= upper`
 
-    by Gauss-Newton steps, each a quadratic program solved by OSQP on an independent subset of the closure rows.
+    by Newton steps in the motions that the closures allow: each is a quadratic program with the second derivatives of
+    the Lagrangian, solved by OSQP in a trust region, and followed by closing the loops again.
 
     Args:
         functions: Compiled functions of the mechanism.
-        start: First guess [m or rad], shape (n_variables,).
+        start: A closed configuration [m or rad], shape (n_variables,).
         target: Wanted values; entries of zero weight are ignored.
         weight: Weight of each variable [1], zero where nothing is wanted.
         lower: Lowest values, may be -inf.
@@ -149,47 +150,76 @@ def solve_nearest(
     """
     options = options or SolveOptions()
     scale = functions.graph.variable_scale
-    z, z_target = np.clip(start, lower, upper) / scale, np.where(weight > 0, target, 0.0) / scale
     low, high = lower / scale, upper / scale
-    free = np.ones_like(z)
-    radius, penalty = options.step_limit, 10.0
+    wanted = np.where(weight > 0, target, 0.0) / scale
+    bounded = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
+    everything = np.ones_like(scale)
 
     def merit(point: Array) -> float:
-        f = functions.step(point * scale, free, np.array([1.0]))[1]
-        return float(0.5 * np.sum((weight * (point - z_target)) ** 2) + penalty * np.sum(np.abs(f)))
+        outside = np.maximum(np.maximum(low - point, point - high), 0.0)
+        return float(0.5 * np.sum((weight * (point - wanted)) ** 2) + 10.0 * np.sum(outside))
 
-    value = merit(z)
+    z = start / scale
+    value, radius, settled = merit(z), options.step_limit, 0
+    push = np.zeros_like(z)  # multipliers of the ranges
     for iteration in range(1, options.nearest_iterations + 1):
         (E,) = functions.scaled_jacobian(z * scale)
-        f = functions.step(z * scale, free, np.array([1.0]))[1]
-        rows = independent_rows(E)
-        P = sp.diags(weight**2 + 1e-6).tocsc()
-        q = weight**2 * (z - z_target)
-        problem = qpsolvers.Problem(
-            P,
-            q,
-            A=sp.csc_matrix(E[rows]),
-            b=-f[rows],
-            lb=np.maximum(low - z, -radius),
-            ub=np.minimum(high - z, radius),
-        )
-        with warnings.catch_warnings():  # an inexact step is judged by the merit function below
-            warnings.simplefilter("ignore", UserWarning)
-            answer = qpsolvers.solve_problem(
-                problem, solver="osqp", eps_abs=1e-8, eps_rel=1e-8, max_iter=4000, polishing=True
-            )
-        if answer.x is None or not np.all(np.isfinite(answer.x)):
-            radius = min(4.0 * radius, 4.0)  # the closures cannot be met within so small a step
-            if radius >= 4.0:
-                return z * scale, iteration, False
-            continue
-        d = np.clip(answer.x, np.maximum(low - z, -radius), np.minimum(high - z, radius))
-        trial_value = merit(z + d)
-        if trial_value < value:
-            z, value = z + d, trial_value
-            radius = min(2.0 * radius, options.step_limit)
+        Z = _null_space(E)
+        gradient = weight**2 * (z - wanted)
+        multipliers = np.linalg.lstsq(E.T, -(gradient + push), rcond=1e-10)[0]
+        (curvature,) = functions.closure_hessian(z * scale, multipliers)
+        R = Z.T @ (np.diag(weight**2) + curvature) @ Z
+        R += max(0.0, 1e-7 - float(np.min(np.linalg.eigvalsh(R), initial=1.0))) * np.eye(Z.shape[1])
+        y, duals = _solve_step(R, Z.T @ gradient, Z[bounded], (low - z)[bounded], (high - z)[bounded], radius)
+        push = np.zeros_like(z)
+        push[bounded] = duals
+        closed = solve_closure(functions, (z + Z @ y) * scale, everything, options)
+        trial = closed.X[0] / scale
+        size = float(np.max(np.abs(y), initial=0.0))
+        if closed.converged[0] and merit(trial) <= value + 1e-14:
+            z, value = trial, merit(trial)
+            radius = min(2.0 * max(radius, size), options.step_limit)
         else:
-            radius = 0.25 * float(np.max(np.abs(d)))
-        if np.max(np.abs(d)) < options.nearest_tolerance or radius < 1e-12:
+            radius = 0.25 * min(radius, max(size, 1e-12))
+        settled = settled + 1 if size < options.nearest_tolerance or radius < 1e-11 else 0
+        if settled == 2:  # once more, with the multipliers of the ranges known
             return z * scale, iteration, True
     return z * scale, options.nearest_iterations, False
+
+
+def _null_space(E: Array) -> Array:
+    """Give an orthonormal basis of the motions that E allows; shape (n_variables, mobility)."""
+    _, values, Vt = np.linalg.svd(E, full_matrices=True)
+    return Vt[int(np.count_nonzero(values > RANK_TOLERANCE * max(values[0], 1e-300))) :].T
+
+
+def _solve_step(R: Array, q: Array, G: Array, low: Array, high: Array, radius: float) -> tuple[Array, Array]:
+    """Solve `min 1/2 y^T R y + q^T y` with `low <= G y <= high` and `|y| <= radius`.
+
+    Returns:
+        y, and the multipliers of the rows of G (positive at the upper bound).
+    """
+    # rows that are already outside are asked to come back as far as the trust region allows
+    reach = radius * np.sum(np.abs(G), axis=1)
+    upper, lower = np.maximum(high, -0.9 * reach), np.minimum(low, 0.9 * reach)
+    rows = np.vstack([G[np.isfinite(high)], -G[np.isfinite(low)]])
+    bounds = np.concatenate([upper[np.isfinite(high)], -lower[np.isfinite(low)]])
+    problem = qpsolvers.Problem(
+        sp.csc_matrix(0.5 * (R + R.T)),
+        q,
+        G=sp.csc_matrix(rows) if len(rows) else None,
+        h=bounds if len(rows) else None,
+        lb=np.full(len(q), -radius),
+        ub=np.full(len(q), radius),
+    )
+    with warnings.catch_warnings():  # an inexact step is judged by the merit function
+        warnings.simplefilter("ignore")
+        answer = qpsolvers.solve_problem(problem, solver="osqp", eps_abs=1e-10, eps_rel=1e-10, max_iter=20000)
+    if answer.x is None or not np.all(np.isfinite(answer.x)):
+        return np.zeros_like(q), np.zeros(len(G))
+    duals = np.zeros(len(G))
+    if len(rows) and answer.z is not None:
+        n_upper = int(np.count_nonzero(np.isfinite(high)))
+        duals[np.isfinite(high)] += answer.z[:n_upper]
+        duals[np.isfinite(low)] -= answer.z[n_upper:]
+    return np.clip(answer.x, -radius, radius), duals

@@ -177,7 +177,7 @@ class SplineRefiner:
         )
 
     def _sag(self, problem: Problem, seed: Seed) -> float:
-        """Estimate how far the clearance falls between samples: the sag of a chord on a curve of the horizon's radius."""
+        """Estimate how far the clearance falls between samples: a chord's sag on a curve as tight as the horizon."""
         if not problem.scene.pairs:
             return 0.0
         n = self.samples_per_control * _count_controls(self, seed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,13 @@ Array = NDArray[np.float64]
 
 
 class Retimer(Protocol):
-    """Give a path its time law."""
+    """Give a path its time law.
+
+    Attributes:
+        bounds_jerk: Whether the jerk limits hold too.
+    """
+
+    bounds_jerk: ClassVar[bool]
 
     def retime(self, problem: Problem, path: Path) -> Trajectory:
         """Time a path within the limits of the drives, or raise an error that names the cause."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import ruckig
@@ -34,6 +35,7 @@ class JerkLimited:
     Source: ruckig.
     """
 
+    bounds_jerk: ClassVar[bool] = True
     n_grid: int = 200
     candidates: int = 10
     reserve: float = 3e-4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import toppra
@@ -62,6 +62,7 @@ class TimeOptimal:
     Source: toppra.
     """
 
+    bounds_jerk: ClassVar[bool] = False
     n_grid: int = 100
     refinements: int = 3
     tolerated: float = 0.01

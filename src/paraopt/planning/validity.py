@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.errors import InfeasibleError
-from paraopt.kinematics import SolveOptions
+from paraopt.kinematics import Configuration, SolveOptions
 from paraopt.planning.problem import Problem
 
 Array = NDArray[np.float64]
@@ -132,6 +132,62 @@ def check_ends(problem: Problem, validity: Validity) -> None:
             continue
         reason = verdict.reasons[0]
         raise InfeasibleError(f"{label} {_explain(problem, X, reason)}", configuration=configuration, reason=reason)
+    if isinstance(problem.goal, Configuration):
+        _check_same_branch(problem, problem.goal)
+
+
+def _check_same_branch(problem: Problem, goal: Configuration) -> None:
+    """Refuse a goal configuration that a straight walk from the start shows to be another solution of the same pose.
+
+    Determinants of equal signs do not prove that two solutions lie on one branch; a regular walk that arrives elsewhere
+    proves that they do not. Where the walk meets a singularity nothing is concluded here.
+    """
+    kinematics, names = problem.robot.kinematics, problem.independent
+    index = problem.robot.mechanism.indices(names)
+    X = problem.start_configuration.X[None, :]
+    first, last = X[0, index].copy(), problem.goal_values()
+    steps = max(8, int(np.ceil(np.max(np.abs(last - first) * problem.metric) / (0.1 * problem.robot.mechanism.length))))
+    for t in np.linspace(0.0, 1.0, steps + 1)[1:]:
+        values = first + t * (last - first)
+        T = problem.space.tangent(X)
+        predicted = X + np.einsum("nvm,nm->nv", T, values - X[:, index])
+        closed = kinematics.solve_batch(names, values[None, :], predicted)
+        if not closed.converged[0]:
+            return
+        margins = problem.space.margins(closed.X)
+        if min(margins.parallel[0], margins.serial[0]) < 1e-3:
+            return
+        X = closed.X
+    name, gap = compare_configurations(problem, X[0], goal.X)
+    if gap > 1e-6:
+        i = problem.robot.mechanism.index(name)
+        unit = problem.robot.mechanism.variables[i].unit
+        raise InfeasibleError(
+            f"goal lies on another branch than the start: moving straight there ends with {name!r} at {X[0, i]:.4f} "
+            f"{unit}, the goal has {goal.X[i]:.4f} {unit}; state the goal by its pose, or start on the goal's branch",
+            reached=X[0],
+            goal=goal,
+        )
+
+
+def compare_configurations(problem: Problem, X: Array, Y: Array) -> tuple[str, float]:
+    """Find the variable in which two configurations differ most, idle ones and full turns left out.
+
+    Args:
+        problem: The problem.
+        X: First configuration, shape (n_variables,).
+        Y: Second configuration, shape (n_variables,).
+
+    Returns:
+        Its name, and the difference in characteristic lengths or radians.
+    """
+    mechanism, kinematics = problem.robot.mechanism, problem.robot.kinematics
+    angles = np.array([v.kind == "angle" for v in mechanism.variables])
+    gap = X - Y
+    gap = np.where(angles, (gap + np.pi) % (2 * np.pi) - np.pi, gap) / kinematics.graph.variable_scale
+    gap[mechanism.indices(kinematics.idle)] = 0.0
+    worst = int(np.argmax(np.abs(gap)))
+    return mechanism.names[worst], float(abs(gap[worst]))
 
 
 def _explain(problem: Problem, X: Array, reason: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import CertificateError, DefinitionError
+from paraopt.kinematics import Configuration
+from paraopt.kinematics import Margins as SingularityMargins
 from paraopt.planning.problem import Problem
 
 Array = NDArray[np.float64]
@@ -38,7 +41,10 @@ class Tolerances:
         range: Distance by which a range may be exceeded, scaled [1].
         clearance: Distance by which the clearance margin may be missed [m].
         singularity: Amount by which the singularity margin may be missed [1].
-        derivative: Largest share of disagreement between stated and measured velocities and accelerations [1].
+        derivative: Largest disagreement between stated and measured velocities and accelerations, as a share of their
+            largest value [1].
+        slip: Largest rate at which the stated velocities open the loops, as a share of the largest velocity [1].
+        rest: Largest velocity at the ends, as a share of the largest velocity [1].
     """
 
     closure: float = 1e-9
@@ -48,6 +54,8 @@ class Tolerances:
     clearance: float = 1e-9
     singularity: float = 1e-9
     derivative: float = 1e-2
+    slip: float = 1e-6
+    rest: float = 1e-6
 
 
 @dataclass(frozen=True)
@@ -146,6 +154,7 @@ def verify(
     *,
     rate: float = 1000.0,
     at_least: int = 1000,
+    check_jerk: bool = False,
     tolerances: Tolerances | None = None,
 ) -> Certificate:
     """Look at a trajectory densely and judge it against the problem.
@@ -159,106 +168,174 @@ def verify(
         trajectory: The motion.
         rate: Samples per second [Hz].
         at_least: Smallest number of samples.
+        check_jerk: Whether differences of the accelerations must respect the jerk limits.
         tolerances: What is forgiven.
 
     Returns:
         The certificate, passed or not.
     """
     tolerances = tolerances or Tolerances()
-    mechanism, kinematics = problem.robot.mechanism, problem.robot.kinematics
-    scale = kinematics.graph.variable_scale
-    names = mechanism.names
     n = max(int(at_least), int(np.ceil(trajectory.duration * rate))) + 1
     t = np.linspace(0.0, trajectory.duration, n)
-    period = float(t[1] - t[0])
     X, V, A = (np.asarray(trajectory(t, order), dtype=float) for order in (0, 1, 2))
-    checks: list[Check] = []
+    ledger = _Ledger(t)
+    _check_ends(ledger, problem, X, tolerances)
+    _check_closures(ledger, problem, X, V, tolerances)
+    _check_limits(ledger, problem, X, V, A, tolerances)
+    _check_derivatives(ledger, problem, X, V, A, tolerances)
+    if check_jerk:
+        _check_jerk(ledger, problem, A, tolerances)
+    clearance, margins = _check_space(ledger, problem, X, tolerances)
+    return Certificate(tuple(ledger.checks), n, float(t[1]), t, clearance, margins.parallel, margins.serial)
 
-    def add(
-        name: str, values: Array, bound: float, unit: str, labels: tuple[str, ...] = ("",), low: bool = False
+
+class _Ledger:
+    """Collect checks; values that are not numbers count as the worst."""
+
+    def __init__(self, t: Array) -> None:
+        self.t = t
+        self.checks: list[Check] = []
+
+    def largest(
+        self, name: str, values: Array, bound: float, unit: str, labels: Sequence[str] = ("",), at: int = 0
     ) -> None:
-        """Judge the worst of values of shape (n,) or (n, k)."""
+        """Judge the largest of values of shape (n,) or (n, k) against an upper bound.
+
+        Args:
+            name: Name of the check.
+            values: Values; row i belongs to the instant `at + i`.
+            bound: Upper bound.
+            unit: Unit of both.
+            labels: Name of each column.
+            at: Index of the first row's instant.
+        """
         table = np.asarray(values, dtype=float).reshape(len(values), -1)
-        table = np.where(np.isfinite(table) | (low & (table == np.inf)), table, -np.inf if low else np.inf)
-        flat = int(np.argmin(table) if low else np.argmax(table))
-        i, j = divmod(flat, table.shape[1])
+        table = np.where(np.isnan(table), np.inf, table)
+        i, j = divmod(int(np.argmax(table)), table.shape[1])
         worst = float(table[i, j])
-        passed = worst >= bound if low else worst <= bound
-        time = float(t[min(i, n - 1)])
-        checks.append(
-            Check(name, worst, bound, unit, time, labels[min(j, len(labels) - 1)], passed, ">=" if low else "<=")
-        )
+        self.checks.append(Check(name, worst, bound, unit, float(self.t[at + i]), labels[j], worst <= bound))
 
-    # the ends
-    ends = np.vstack([X[0] - problem.start_configuration.X, X[-1] - problem.goal_configuration.X])
+    def smallest(self, name: str, values: Array, bound: float, unit: str, allowance: float, where: str = "") -> None:
+        """Judge the smallest of values of shape (n,) against a lower bound that may be missed by an allowance."""
+        table = np.where(np.isnan(values), -np.inf, values)
+        i = int(np.argmin(table))
+        passed = bool(table[i] >= bound - allowance)
+        self.checks.append(Check(name, float(table[i]), bound, unit, float(self.t[i]), where, passed, ">="))
+
+
+def _check_ends(ledger: _Ledger, problem: Problem, X: Array, tolerances: Tolerances) -> None:
+    """Compare the ends with what was asked: the pose, and the whole configuration where one was stated."""
+    mechanism, kinematics = problem.robot.mechanism, problem.robot.kinematics
     angles = np.array([v.kind == "angle" for v in mechanism.variables])
-    ends = np.where(angles, (ends + np.pi) % (2 * np.pi) - np.pi, ends)[:, mechanism.indices(mechanism.operational)]
-    error = np.abs(ends) / scale[mechanism.indices(mechanism.operational)]
-    add("start reached", error[:1], tolerances.ends, "1", tuple(mechanism.operational))
-    add("goal reached", np.vstack([np.zeros((n - 1, error.shape[1])), error[1:]]), tolerances.ends, "1",
-        tuple(mechanism.operational))  # fmt: skip
+    for label, i, stated, wanted in (
+        ("start reached", 0, problem.start, problem.start_configuration),
+        ("goal reached", len(X) - 1, problem.goal, problem.goal_configuration),
+    ):
+        gap = X[i] - wanted.X
+        gap = np.abs(np.where(angles, (gap + np.pi) % (2 * np.pi) - np.pi, gap)) / kinematics.graph.variable_scale
+        whole = isinstance(stated, Configuration)
+        judged = [
+            k
+            for k, v in enumerate(mechanism.variables)
+            if (whole or v.role == "operational") and v.name not in kinematics.idle
+        ]
+        ledger.largest(label, gap[None, judged], tolerances.ends, "1", [mechanism.names[k] for k in judged], at=i)
 
-    # the closures, in metres: rows without unit are taken over the characteristic length
-    residual = kinematics.scaled_residual(X) * mechanism.length
-    add("closure residual", residual, tolerances.closure, "m")
+
+def _check_closures(ledger: _Ledger, problem: Problem, X: Array, V: Array, tolerances: Tolerances) -> None:
+    """Check F(X) = 0 in metres (rows without unit times the characteristic length), and E V = 0 against the speed."""
+    kinematics, scale = problem.robot.kinematics, problem.robot.kinematics.graph.variable_scale
+    residual = kinematics.scaled_residual(X) * problem.robot.mechanism.length
+    ledger.largest("closure residual", residual, tolerances.closure, "m")
     (E,) = kinematics.functions.scaled_jacobian.batch(X)
-    slip = np.max(np.abs(np.einsum("nrv,nv->nr", E, V / scale)), axis=1, initial=0.0)
-    size = max(float(np.max(np.abs(V / scale))), 1e-12)
-    add("closure velocity", slip / size, 1e-6, "1")
+    slip = np.max(np.abs((E @ (V / scale)[:, :, None])[:, :, 0]), axis=1, initial=0.0)
+    ledger.largest("closure velocity", slip / _size(V / scale), tolerances.slip, "1")
 
-    # positions, velocities and accelerations against their limits
+
+def _check_limits(ledger: _Ledger, problem: Problem, X: Array, V: Array, A: Array, tolerances: Tolerances) -> None:
+    """Check positions, velocities and accelerations of all variables that have limits."""
+    mechanism = problem.robot.mechanism
     low, high = problem.bounds.bounds(mechanism)
-    beyond = np.maximum(low - X, X - high) / scale
-    add("range exceeded", np.maximum(beyond, 0.0), tolerances.range, "1", names)
+    beyond = np.maximum(low - X, X - high) / problem.robot.kinematics.graph.variable_scale
+    ledger.largest("range exceeded", np.maximum(beyond, 0.0), tolerances.range, "1", mechanism.names)
     for quantity, values in (("velocity", V), ("acceleration", A)):
-        limits = problem.bounds.of(quantity, names)
+        limits = problem.bounds.of(quantity, mechanism.names)
         limited = np.flatnonzero(np.isfinite(limits))
         if limited.size:
             share = np.abs(values[:, limited]) / limits[limited]
-            add(f"{quantity} / limit", share, 1.0 + tolerances.excess, "1", tuple(names[i] for i in limited))
-
-    # stated derivatives against differences of what they are derivatives of
-    measured = np.diff(X, axis=0) / period
-    stated = 0.5 * (V[1:] + V[:-1])
-    bend = 0.5 * np.abs(np.diff(V, axis=0))  # the mean speed lies between those at the ends
-    add("velocity is dX/dt", np.maximum(np.abs(measured - stated) - bend, 0.0) / (scale * size), tolerances.derivative,
-        "1", names)  # fmt: skip
-    measured = np.diff(V, axis=0) / period
-    top = max(float(np.max(np.abs(A / scale))), 1e-12)
-    add("acceleration is dV/dt", _outside(measured, A, scale * top), 5 * tolerances.derivative, "1", names)
-    rest = np.vstack([np.abs(V[0]), np.abs(V[-1])]) / (scale * size)
-    add("at rest at both ends", rest, 1e-6, "1", names)
-
-    # clearance and singularities
-    distance, pair = problem.scene.clearances(X)
-    labels = [problem.scene.pairs[p].name if p >= 0 else "" for p in pair]
-    i = int(np.argmin(distance))
-    bound = problem.margins.clearance - tolerances.clearance
-    checks.append(
-        Check("clearance", float(distance[i]), problem.margins.clearance, "m", float(t[i]), labels[i],
-              bool(distance[i] >= bound), ">=")
-    )  # fmt: skip
-    margins = problem.space.margins(X)
-    for name, values in (("parallel margin", margins.parallel), ("serial margin", margins.serial)):
-        i = int(np.argmin(np.where(np.isfinite(values), values, -np.inf)))
-        bound = problem.margins.singularity
-        ok = bool(values[i] >= bound - tolerances.singularity)
-        checks.append(Check(name, float(values[i]), bound, "1", float(t[i]), "", ok, ">="))
-    determinants = problem.determinants(X)
-    for name, values in zip(("parallel determinant", "serial determinant"), determinants, strict=True):
-        if not np.all(np.isnan(values)):
-            reference = np.sign(problem.determinants(problem.start_configuration.X)[name.startswith("serial")][0])
-            add(f"{name} sign", reference * values, np.finfo(float).tiny, "1", low=True)
-    return Certificate(tuple(checks), n, period, t, distance, margins.parallel, margins.serial)
+            labels = [mechanism.names[i] for i in limited]
+            ledger.largest(f"{quantity} / limit", share, 1.0 + tolerances.excess, "1", labels)
 
 
-def _outside(measured: Array, stated: Array, size: Array) -> Array:
-    """Tell how far a difference quotient lies outside the values stated around it.
+def _check_derivatives(ledger: _Ledger, problem: Problem, X: Array, V: Array, A: Array, tolerances: Tolerances) -> None:
+    """Compare stated derivatives with differences of what they are derivatives of, and ask for rest at the ends."""
+    names, scale = problem.robot.mechanism.names, problem.robot.kinematics.graph.variable_scale
+    period = float(ledger.t[1])
+    speed = _size(V / scale)
+    for name, values, derivative, size in (
+        ("velocity is dX/dt", X, V, speed),
+        ("acceleration is dV/dt", V, A, _size(A / scale)),
+    ):
+        gap = _outside(np.diff(values, axis=0) / period, derivative) / (scale * size)
+        ledger.largest(name, gap, tolerances.derivative, "1", names)
+    for label, i in (("at rest at start", 0), ("at rest at goal", len(X) - 1)):
+        ledger.largest(label, np.abs(V[i : i + 1]) / (scale * speed), tolerances.rest, "1", names, at=i)
+
+
+def _check_jerk(ledger: _Ledger, problem: Problem, A: Array, tolerances: Tolerances) -> None:
+    """Check that accelerations change no faster than the jerk limits allow between two instants."""
+    names = problem.robot.mechanism.names
+    limits = problem.bounds.of("jerk", names)
+    limited = np.flatnonzero(np.isfinite(limits))
+    if limited.size:
+        share = np.abs(np.diff(A[:, limited], axis=0)) / (float(ledger.t[1]) * limits[limited])
+        ledger.largest("jerk / limit", share, 1.0 + tolerances.excess, "1", [names[i] for i in limited])
+
+
+def _check_space(
+    ledger: _Ledger, problem: Problem, X: Array, tolerances: Tolerances
+) -> tuple[Array, SingularityMargins]:
+    """Check clearance, singularity margins, and that no determinant changes its sign."""
+    finite = np.all(np.isfinite(X), axis=1)
+    safe = np.where(finite[:, None], X, problem.start_configuration.X)
+    clearance, pair = problem.scene.clearances(safe)
+    clearance = np.where(finite, clearance, np.nan)
+    closest = pair[int(np.argmin(np.where(finite, clearance, -np.inf)))]
+    where = problem.scene.pairs[closest].name if closest >= 0 else "no pair to check"
+    ledger.smallest("clearance", clearance, problem.margins.clearance, "m", tolerances.clearance, where)
+    margins = problem.space.margins(safe)
+    asked = problem.margins.singularity
+    ledger.smallest("parallel margin", margins.parallel, asked, "1", tolerances.singularity)
+    ledger.smallest("serial margin", margins.serial, asked, "1", tolerances.singularity)
+    references = problem.determinants(problem.start_configuration.X)
+    for name, values, reference in zip(
+        ("parallel determinant", "serial determinant"), problem.determinants(safe), references, strict=True
+    ):
+        if not np.isnan(reference[0]):
+            signed = np.sign(reference[0]) * values
+            ledger.smallest(name, signed, float(np.finfo(float).tiny), "1", 0.0)
+    return clearance, margins
+
+
+def _size(values: Array) -> float:
+    """Give the largest finite magnitude, never zero."""
+    return max(float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0)), 1e-12)
+
+
+def _outside(measured: Array, stated: Array) -> Array:
+    """Tell how far difference quotients lie outside the values stated around them.
 
     Accelerations may jump inside an interval, so the quotient is compared with the span of the stated values from one
     sample before the interval to one after it.
+
+    Args:
+        measured: Difference quotients, shape (n - 1, k).
+        stated: Derivatives, shape (n, k).
+
+    Returns:
+        Distances from the spans, shape (n - 1, k); inf where a value is not a number.
     """
     padded = np.vstack([stated[:1], stated, stated[-1:]])
     window = np.stack([padded[:-3], padded[1:-2], padded[2:-1], padded[3:]])
-    low, high = window.min(axis=0), window.max(axis=0)
-    return np.maximum(np.maximum(low - measured, measured - high), 0.0) / size
+    gap = np.maximum(window.min(axis=0) - measured, measured - window.max(axis=0))
+    return np.where(np.isnan(gap), np.inf, np.maximum(gap, 0.0))
