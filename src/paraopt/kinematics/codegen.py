@@ -113,7 +113,8 @@ def _compiler_identity(compiler: str) -> str:
 class CompiledFunction:
     """Evaluate a CasADi function on NumPy arrays, one point or a batch at a time.
 
-    Arrays are row-major, so that a batch of (n, rows, columns) needs no copy.
+    Arrays are row-major, so that a batch of (n, rows, columns) needs no copy. Calls at one point share buffers: give
+    each thread its own by `bind`. Batches may run side by side.
 
     Args:
         function: A function of SX or MX expressions; inputs and outputs are treated as dense.

@@ -1,9 +1,10 @@
 """Motion: from a problem to a seed, a refined path, a timed trajectory, and the certificate that proves it."""
 
 from paraopt.planning.law import TimeLaw
+from paraopt.planning.nlp import Nlp, NlpOptions, build_nlp, solve_nlp
 from paraopt.planning.path import Path, PathPoints
 from paraopt.planning.problem import Margins, Problem
-from paraopt.planning.refine import Nlp, Refined, SplineRefiner, build_nlp, solve_nlp
+from paraopt.planning.refine import Refined, SplineRefiner
 from paraopt.planning.retime_base import Retimer
 from paraopt.planning.retime_ruckig import JerkLimited
 from paraopt.planning.retime_toppra import TimeOptimal
@@ -19,6 +20,7 @@ __all__ = [
     "Margins",
     "MixedSearch",
     "Nlp",
+    "NlpOptions",
     "Path",
     "PathPoints",
     "Problem",

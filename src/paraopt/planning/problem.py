@@ -142,7 +142,7 @@ class Problem:
     def _check_pose(self, label: str, pose: Pose) -> None:
         mechanism = self.robot.mechanism
         if isinstance(pose, Configuration):
-            if pose.mechanism is not mechanism:
+            if pose.mechanism != mechanism:
                 raise DefinitionError(f"{label} is a configuration of another mechanism, {pose.mechanism.name!r}")
             return
         missing = [n for n in mechanism.operational if n not in pose]
