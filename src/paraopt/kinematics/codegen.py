@@ -30,15 +30,17 @@ Array = NDArray[np.float64]
 
 _FLAGS = ("-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off")
 _STACK = 20000  # work vectors up to this many numbers live on the stack
-# one point, and the loop over a batch: argument k of sample i starts at in[k] + i*in_step[k]
-_DRIVER = r"""
+_HEADER = r"""
 #include <stdlib.h>
 #ifdef _WIN32
 #define PARAOPT_EXPORT __declspec(dllexport)
 #else
 #define PARAOPT_EXPORT
 #endif
-static int paraopt_run(long long n, const double** in, const long long* in_step,
+"""
+# one point, and the loop over a batch: argument k of sample i starts at in[k] + i*in_step[k]
+_DRIVER = r"""
+static int %(name)s_run(long long n, const double** in, const long long* in_step,
                        double** out, const long long* out_step, casadi_int* iw, double* w) {
   const double* arg[%(sz_arg)d + 1]; double* res[%(sz_res)d + 1]; long long i; int k, flag = 0;
   for (i = 0; i < n && !flag; ++i) {
@@ -48,22 +50,22 @@ static int paraopt_run(long long n, const double** in, const long long* in_step,
   }
   return flag;
 }
-PARAOPT_EXPORT int paraopt_batch(long long n, const double** in, const long long* in_step,
-                                 double** out, const long long* out_step) {
+PARAOPT_EXPORT int %(name)s_batch(long long n, const double** in, const long long* in_step,
+                                  double** out, const long long* out_step) {
   int flag = -1;
 #if %(on_stack)d
   casadi_int iw[%(sz_iw)d + 1]; double w[%(sz_w)d + 1];
-  flag = paraopt_run(n, in, in_step, out, out_step, iw, w);
+  flag = %(name)s_run(n, in, in_step, out, out_step, iw, w);
 #else
   casadi_int* iw = (casadi_int*) malloc((%(sz_iw)d + 1)*sizeof(casadi_int));
   double* w = (double*) malloc((%(sz_w)d + 1)*sizeof(double));
-  if (iw && w) flag = paraopt_run(n, in, in_step, out, out_step, iw, w);
+  if (iw && w) flag = %(name)s_run(n, in, in_step, out, out_step, iw, w);
   free(iw); free(w);
 #endif
   return flag;
 }
-PARAOPT_EXPORT int paraopt_point(void** buffers) {
-  return paraopt_batch(1, (const double**) buffers[0], 0, (double**) buffers[1], 0);
+PARAOPT_EXPORT int %(name)s_point(void** buffers) {
+  return %(name)s_batch(1, (const double**) buffers[0], 0, (double**) buffers[1], 0);
 }
 """
 
@@ -125,39 +127,50 @@ class CompiledFunction:
     """
 
     def __init__(self, function: ca.Function, backend: Backend = "auto") -> None:
-        if backend not in ("auto", "compiled", "virtual machine"):
-            raise DefinitionError(f"backend is {backend!r}; it must be 'auto', 'compiled' or 'virtual machine'")
+        self._start(function, _load_all([function], backend))
+
+    @classmethod
+    def together(cls, functions: Sequence[ca.Function], backend: Backend = "auto") -> list[CompiledFunction]:
+        """Compile several functions into one library: what they share is compiled once.
+
+        Args:
+            functions: Functions of different names.
+            backend: As for one function.
+
+        Returns:
+            The compiled functions in the same order.
+        """
+        library = _load_all(functions, backend)
+        made = []
+        for function in functions:
+            compiled = cls.__new__(cls)
+            compiled._start(function, library)
+            made.append(compiled)
+        return made
+
+    def _start(self, function: ca.Function, library: ctypes.CDLL | None) -> None:
         self.name = function.name()
         self.in_shapes = [tuple(function.size_in(i)) for i in range(function.n_in())]
         self.out_shapes = [tuple(function.size_out(i)) for i in range(function.n_out())]
-        # transposed, because CasADi stores columns first and NumPy rows first
-        symbol = ca.SX.sym if function.is_a("SXFunction") else ca.MX.sym
-        inputs = [symbol(f"i{k}", c, r) for k, (r, c) in enumerate(self.in_shapes)]
-        outputs = function.call([i.T for i in inputs])
-        self._function = ca.Function(self.name, inputs, [ca.densify(o.T) for o in outputs])
         self._in_sizes = [r * c for r, c in self.in_shapes]
         self._out_sizes = [r * c for r, c in self.out_shapes]
-        self._library: Any = None
-        compiler = find_compiler() if backend != "virtual machine" else None
-        if backend == "compiled" and compiler is None:
-            raise BackendError(f"no C compiler was found for {self.name!r}; install one or use backend='auto'")
-        if compiler is not None:
-            try:
-                self._library = _load(self._function, compiler)
-            except (BackendError, OSError) as error:
-                if backend == "compiled":
-                    raise
-                logger.warning("%s runs in the virtual machine: %s", self.name, error)
-        if self._library is None:
-            self._chunk = 64
-            self._single = self._function.buffer()
-            self._mapped = self._function.map(self._chunk)
-            self._many = self._mapped.buffer()
+        self._batch_entry = self._point_entry = None
+        if library is not None:
+            self._batch_entry = getattr(library, f"{self.name}_batch")
+            self._batch_entry.argtypes = [ctypes.c_longlong, *[ctypes.c_void_p] * 4]
+            self._point_entry = getattr(library, f"{self.name}_point")
+            self._point_entry.argtypes = [ctypes.c_void_p]
+            return
+        self._function = _row_major(function)
+        self._chunk = 64
+        self._single = self._function.buffer()
+        self._mapped = self._function.map(self._chunk)
+        self._many = self._mapped.buffer()
 
     @property
     def is_compiled(self) -> bool:
         """Tell whether generated C is used."""
-        return self._library is not None
+        return self._batch_entry is not None
 
     def __call__(self, *arguments: Any) -> tuple[Array, ...]:
         """Evaluate at one point.
@@ -224,7 +237,7 @@ class CompiledFunction:
         Returns:
             A function without arguments.
         """
-        if self._library is None:
+        if self._point_entry is None:
             buffer, run = self._function.buffer()
             for k, array in enumerate(inputs):
                 buffer.set_arg(k, array.reshape(-1).data)
@@ -237,7 +250,7 @@ class CompiledFunction:
                 run()
 
             return evaluate
-        point = self._library.paraopt_point
+        point = self._point_entry
         arguments = _pointers(inputs), _pointers(outputs)
         both = (ctypes.c_void_p * 2)(*[ctypes.addressof(a) for a in arguments])
         address, kept = ctypes.addressof(both), (inputs, outputs, arguments, both)
@@ -251,11 +264,11 @@ class CompiledFunction:
     def _run(self, n: int, arrays: list[Array], steps: list[int], results: list[Array]) -> None:
         if n == 0:
             return
-        if self._library is not None:
+        if self._batch_entry is not None:
             pointers_in, pointers_out = _pointers(arrays), _pointers(results)
             steps_in = (ctypes.c_longlong * len(steps))(*steps)
             steps_out = (ctypes.c_longlong * len(results))(*self._out_sizes)
-            flag = self._library.paraopt_batch(n, pointers_in, steps_in, pointers_out, steps_out)
+            flag = self._batch_entry(n, pointers_in, steps_in, pointers_out, steps_out)
             if flag != 0:
                 raise BackendError(f"compiled {self.name} returned {flag}")
             return
@@ -303,39 +316,67 @@ def _pointers(arrays: Sequence[Array]) -> Any:
     return (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
 
 
-def _load(function: ca.Function, compiler: str) -> Any:
-    """Compile a function, or take it from the cache, and return the library."""
-    name = function.name()
-    flags = _flags(function)
-    recipe = "|".join([ca.__version__, _compiler_identity(compiler), *flags, _DRIVER, function.serialize()])
+def _row_major(function: ca.Function) -> ca.Function:
+    """Transpose inputs and outputs, because CasADi stores columns first and NumPy rows first; make outputs dense."""
+    symbol = ca.SX.sym if function.is_a("SXFunction") else ca.MX.sym
+    inputs = [symbol(f"i{k}", *reversed(function.size_in(k))) for k in range(function.n_in())]
+    outputs = function.call([i.T for i in inputs])
+    return ca.Function(function.name(), inputs, [ca.densify(o.T) for o in outputs])
+
+
+def _load_all(functions: Sequence[ca.Function], backend: Backend) -> ctypes.CDLL | None:
+    """Compile functions or take them from the cache; None where the virtual machine is to be used."""
+    if backend not in ("auto", "compiled", "virtual machine"):
+        raise DefinitionError(f"backend is {backend!r}; it must be 'auto', 'compiled' or 'virtual machine'")
+    if backend == "virtual machine":
+        return None
+    compiler = find_compiler()
+    names = ", ".join(f.name() for f in functions)
+    if compiler is None:
+        if backend == "compiled":
+            raise BackendError(f"no C compiler was found for {names}; install one or use backend='auto'")
+        return None
+    try:
+        return _load([_row_major(f) for f in functions], compiler)
+    except (BackendError, OSError) as error:
+        if backend == "compiled":
+            raise
+        logger.warning("%s: the virtual machine is used: %s", names, error)
+        return None
+
+
+def _load(functions: Sequence[ca.Function], compiler: str) -> ctypes.CDLL:
+    """Compile functions into one library, or take it from the cache."""
+    flags = _flags(functions)
+    graphs = [f.serialize() for f in functions]
+    recipe = "|".join([ca.__version__, _compiler_identity(compiler), *flags, _HEADER, _DRIVER, *graphs])
     key = hashlib.sha256(recipe.encode()).hexdigest()[:32]
-    target = cache_folder() / f"{name}-{key}.so"
+    target = cache_folder() / f"{functions[0].name()}-{key}.so"
     if not target.exists():
-        _compile(function, compiler, target)
-    library = ctypes.CDLL(str(target))
-    library.paraopt_batch.argtypes = [ctypes.c_longlong, *[ctypes.c_void_p] * 4]
-    library.paraopt_point.argtypes = [ctypes.c_void_p]
-    return library
+        _compile(functions, [compiler, *flags], target)
+    return ctypes.CDLL(str(target))
 
 
-def _flags(function: ca.Function) -> tuple[str, ...]:
+def _flags(functions: Sequence[ca.Function]) -> tuple[str, ...]:
     """Optimise plain expressions fully; long chains of calls (the factorisations) gain nothing and compile slowly."""
-    return ("-O3" if function.is_a("SXFunction") else "-O1", *_FLAGS)
+    return ("-O3" if all(f.is_a("SXFunction") for f in functions) else "-O1", *_FLAGS)
 
 
-def _compile(function: ca.Function, compiler: str, target: Path) -> None:
-    name = function.name()
+def _compile(functions: Sequence[ca.Function], command: Sequence[str], target: Path) -> None:
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".build-") as build:
-        source = Path(build) / f"{name}.c"
+        source = Path(build) / "functions.c"
         generator = ca.CodeGenerator(source.name)
-        generator.add(function)
-        code = generator.dump()
-        sizes = {key: getattr(function, key)() for key in ("n_in", "n_out", "sz_arg", "sz_res", "sz_iw", "sz_w")}
-        names = {"name": name, "on_stack": int(sizes["sz_w"] + sizes["sz_iw"] <= _STACK), **sizes}
-        source.write_text(code + _DRIVER % names)
+        for function in functions:
+            generator.add(function)
+        drivers = []
+        for function in functions:
+            sizes = {key: getattr(function, key)() for key in ("n_in", "n_out", "sz_arg", "sz_res", "sz_iw", "sz_w")}
+            on_stack = int(sizes["sz_w"] + sizes["sz_iw"] <= _STACK)
+            drivers.append(_DRIVER % {"name": function.name(), "on_stack": on_stack, **sizes})
+        source.write_text(generator.dump() + _HEADER + "".join(drivers))
         product = source.with_suffix(".so")
-        command: Sequence[str] = [compiler, *_flags(function), str(source), "-o", str(product), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        full = [*command, str(source), "-o", str(product), "-lm"]
+        done = subprocess.run(full, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            raise BackendError(f"{compiler} failed on {name}: {done.stderr.strip()[:500]}", command=command)
+            raise BackendError(f"{command[0]} failed: {done.stderr.strip()[:500]}", command=full)
         os.replace(product, target)

@@ -12,7 +12,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 
@@ -42,15 +41,11 @@ class FunctionSet:
         Args:
             width: Number of independent coordinates.
         """
-        _ = self._factor_forms, self._second_form, self._residual_form, self._jacobian_form, self._stacked_poses
+        _ = self._stacked_poses, self._scaled_jacobian, self._scaled_residual  # shared: built before the threads
         wanted: list[Callable[[], object]] = [
-            lambda: self.curvature(width * (width + 1) // 2),
-            lambda: self.curvature(1),
-            lambda: self.tangent(width),
-            lambda: self.step,
+            lambda: (self.step, self.tangent(width), self.curvature(1), self.curvature(width * (width + 1) // 2)),
             lambda: self.pose_velocity(width),
             lambda: self.scaled_jacobian,
-            lambda: self.jacobians,
             lambda: self.residual,
             lambda: self.poses,
         ]
@@ -78,16 +73,63 @@ class FunctionSet:
         """Map X to the poses of all links in the world, 3 x 4 each, stacked; shape (3 n_links, 4)."""
         return self._compile("poses", [self.graph.X], [self._stacked_poses])
 
-    @cached_property
+    @property
     def step(self) -> CompiledFunction:
         """Map (X, free, damping) to the damped Newton step [m or rad] and the scaled residual at X [1].
 
         Source: Marquardt1963.
         """
+        return self._solver("step", 0)
+
+    def tangent(self, width: int) -> CompiledFunction:
+        """Map (X, free, D, damping) to the motions T of all variables that impose the directions D.
+
+        `E T = 0` and `T = D` on the variables that are not free. D and T have shape (n_variables, width).
+        """
+        return self._solver("tangent", width)
+
+    def curvature(self, width: int) -> CompiledFunction:
+        """Map (X, free, V, W, damping) to the second-order motions that keep the loops closed, imposed ones being zero.
+
+        Column k solves `E h = -F''[V_k, W_k]` with h zero on the variables that are not free; so that on a motion with
+        velocity V = W and imposed acceleration a, the acceleration of all variables is `T a + h`.
+        """
+        return self._solver("curvature", width)
+
+    # -- graphs of the solvers -------------------------------------------------------------------------------------
+
+    def _build_step(self, width: int) -> ca.Function:
         X, free, damping = self._symbols()
         f = self._residual_form(X)
         y = self._solve(self._factor(X, free, damping), -f, 0)
-        return self._compile("step", [X, free, damping], [self._variable_scale * free * y, f])
+        return ca.Function("paraopt_step", [X, free, damping], [self._variable_scale * free * y, f])
+
+    def _build_tangent(self, width: int) -> ca.Function:
+        X, free, damping = self._symbols()
+        D = ca.MX.sym("D", X.numel(), width)
+        imposed = ca.diag((1 - free) / self._variable_scale) @ D
+        y = self._solve(self._factor(X, free, damping), -(self._jacobian_form(X) @ imposed), _REFINEMENTS)
+        T = ca.diag(self._variable_scale) @ (imposed + ca.diag(free) @ y)
+        return ca.Function(f"paraopt_tangent{width}", [X, free, D, damping], [T])
+
+    def _build_curvature(self, width: int) -> ca.Function:
+        X, free, damping = self._symbols()
+        V, W = ca.MX.sym("V", X.numel(), width), ca.MX.sym("W", X.numel(), width)
+        c = self._second_form.map(width)(ca.repmat(X, 1, width), V, W)
+        y = self._solve(self._factor(X, free, damping), -c, _REFINEMENTS)
+        H = ca.diag(self._variable_scale) @ ca.diag(free) @ y
+        return ca.Function(f"paraopt_curvature{width}", [X, free, V, W, damping], [H])
+
+    def _solver(self, kind: str, width: int) -> CompiledFunction:
+        """Give a solver; those of the motion space of the operational variables are compiled together."""
+        if (kind, width) not in self._by_width:
+            m = len(self.graph.mechanism.operational)
+            usual = [("step", 0), ("tangent", m), ("curvature", 1), ("curvature", m * (m + 1) // 2)]
+            keys = list(dict.fromkeys(usual)) if (kind, width) in usual else [(kind, width)]
+            builders = {"step": self._build_step, "tangent": self._build_tangent, "curvature": self._build_curvature}
+            made = CompiledFunction.together([builders[k](w) for k, w in keys], self.backend)
+            self._by_width.update(zip(keys, made, strict=True))
+        return self._by_width[kind, width]
 
     @cached_property
     def closure_hessian(self) -> CompiledFunction:
@@ -98,48 +140,14 @@ class FunctionSet:
         scale = ca.diag(self._variable_scale)
         return self._compile("closure_hessian", [X, multipliers], [scale @ ca.jacobian(gradient, X) @ scale])
 
-    def tangent(self, width: int) -> CompiledFunction:
-        """Map (X, free, D, damping) to the motions T of all variables that impose the directions D.
-
-        `E T = 0` and `T = D` on the variables that are not free. D and T have shape (n_variables, width).
-        """
-
-        def build() -> CompiledFunction:
-            X, free, damping = self._symbols()
-            D = ca.MX.sym("D", X.numel(), width)
-            imposed = ca.diag((1 - free) / self._variable_scale) @ D
-            y = self._solve(self._factor(X, free, damping), -(self._jacobian_form(X) @ imposed), _REFINEMENTS)
-            T = ca.diag(self._variable_scale) @ (imposed + ca.diag(free) @ y)
-            return self._compile(f"tangent{width}", [X, free, D, damping], [T])
-
-        return self._cached("tangent", width, build)
-
-    def curvature(self, width: int) -> CompiledFunction:
-        """Map (X, free, V, W, damping) to the second-order motions that keep the loops closed, imposed ones being zero.
-
-        Column k solves `E h = -F''[V_k, W_k]` with h zero on the variables that are not free; so that on a motion with
-        velocity V = W and imposed acceleration a, the acceleration of all variables is `T a + h`.
-        """
-
-        def build() -> CompiledFunction:
-            X, free, damping = self._symbols()
-            V, W = ca.MX.sym("V", X.numel(), width), ca.MX.sym("W", X.numel(), width)
-            c = self._second_form.map(width)(ca.repmat(X, 1, width), V, W)
-            y = self._solve(self._factor(X, free, damping), -c, _REFINEMENTS)
-            H = ca.diag(self._variable_scale) @ ca.diag(free) @ y
-            return self._compile(f"curvature{width}", [X, free, V, W, damping], [H])
-
-        return self._cached("curvature", width, build)
-
     def pose_velocity(self, width: int) -> CompiledFunction:
         """Map (X, V) to the derivatives of the stacked poses along the columns of V; shape (width, 12 n_links)."""
-
-        def build() -> CompiledFunction:
+        key = ("pose_velocity", width)
+        if key not in self._by_width:
             V = ca.SX.sym("V", self.graph.X.numel(), width)
-            flat = ca.vec(self._stacked_poses.T)
-            return self._compile(f"pose_velocity{width}", [self.graph.X, V], [ca.jtimes(flat, self.graph.X, V).T])
-
-        return self._cached("pose_velocity", width, build)
+            derivative = ca.jtimes(ca.vec(self._stacked_poses.T), self.graph.X, V).T
+            self._by_width[key] = self._compile(f"pose_velocity{width}", [self.graph.X, V], [derivative])
+        return self._by_width[key]
 
     # -- expressions -----------------------------------------------------------------------------------------------
 
@@ -212,11 +220,5 @@ class FunctionSet:
             columns.append(y)
         return ca.horzcat(*columns)
 
-    def _compile(self, name: str, inputs: list[Any], outputs: list[Any]) -> CompiledFunction:
-        options = _CSE if isinstance(inputs[0], ca.SX) else {}
-        return CompiledFunction(ca.Function(f"paraopt_{name}", inputs, outputs, options), self.backend)
-
-    def _cached(self, kind: str, width: int, build: Callable[[], CompiledFunction]) -> CompiledFunction:
-        if (kind, width) not in self._by_width:
-            self._by_width[kind, width] = build()
-        return self._by_width[kind, width]
+    def _compile(self, name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> CompiledFunction:
+        return CompiledFunction(ca.Function(f"paraopt_{name}", inputs, outputs, _CSE), self.backend)
