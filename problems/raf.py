@@ -79,10 +79,10 @@ def main(p: Parameters) -> int:
             retimer=retimer,
             progress=lambda stage, seconds: print(f"  {stage:<8}{seconds:7.2f} s", file=sys.stderr, flush=True),
         )
-    except po.ParaoptError as error:
+        files = plan.save(output, period=p.period)
+    except (po.ParaoptError, OSError) as error:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 1
-    files = plan.save(output, period=p.period)
     print(plan.summary)
     print(f"files: {output.resolve()} ({', '.join(f.name for f in files.values())})")
     if p.view:

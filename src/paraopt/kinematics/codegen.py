@@ -209,20 +209,22 @@ class CompiledFunction:
         Returns:
             One array (n, rows, columns), or (n, rows) for columns of width 1, for each output.
         """
-        arrays, steps, n = [], [], 1
+        arrays, counts = [], []
         for k, (argument, size, shape) in enumerate(zip(arguments, self._in_sizes, self.in_shapes, strict=True)):
             array = np.ascontiguousarray(argument, dtype=float)
-            single = array.shape == shape or (shape[1] == 1 and array.shape == (shape[0],)) or array.ndim == 0
-            if single and array.size == size:
-                steps.append(0)
+            one = array.ndim == 0 or array.shape == shape or (shape[1] == 1 and array.shape == (shape[0],))
+            if one and array.size == size:
+                counts.append(1)
             elif array.ndim and array.size == array.shape[0] * size:
-                if n not in (1, array.shape[0]) and any(steps):
-                    raise DefinitionError(f"input {k} of {self.name} has {array.shape[0]} points; others have {n}")
-                n = array.shape[0]
-                steps.append(size)
+                counts.append(array.shape[0])
             else:
                 raise DefinitionError(f"input {k} of {self.name} has shape {array.shape}; it must be (n, {shape})")
             arrays.append(array)
+        several = {count for count in counts if count != 1}
+        if len(several) > 1:
+            raise DefinitionError(f"inputs of {self.name} have {counts} points; they must agree, or be one for all")
+        n = several.pop() if several else 1
+        steps = [0 if count == 1 else size for count, size in zip(counts, self._in_sizes, strict=True)]
         results = [np.empty((n, size)) for size in self._out_sizes]
         self._run(n, arrays, steps, results)
         return tuple(r if s[1] == 1 else r.reshape(n, *s) for r, s in zip(results, self.out_shapes, strict=True))
