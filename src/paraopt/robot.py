@@ -14,6 +14,7 @@ from paraopt.errors import DefinitionError, unknown_name
 from paraopt.kinematics import Configuration, Kinematics
 from paraopt.mechanism import Mechanism
 from paraopt.mechanism.joints import Range
+from paraopt.mechanism.links import as_point
 from paraopt.shapes import Shape
 
 
@@ -96,6 +97,8 @@ class Robot:
         limits: Bounds of the drives.
         masses: Mass of each link [kg], by name of link.
         contacts: Pairs of links that may touch, with the reason, beyond those joined by a joint or a closure.
+        tool: Name of a link and a point on it [m], whose way in space is drawn; the origin of the link that carries the
+            operational variables when None.
         source: Where the description comes from, and what is ours.
     """
 
@@ -105,6 +108,7 @@ class Robot:
     limits: Limits = field(default_factory=Limits)
     masses: Mapping[str, float] = field(default_factory=dict)
     contacts: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    tool: tuple[str, Sequence[float]] | None = None
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -130,6 +134,11 @@ class Robot:
             for link in pair:
                 if link not in known:
                     raise unknown_name("link in the contacts", link, known)
+        if self.tool is not None:
+            link, point = self.tool
+            if link not in known:
+                raise unknown_name("link that carries the tool", link, known)
+            object.__setattr__(self, "tool", (link, as_point(point, f"tool point on {link!r}")))
         for name in self.home:
             self.mechanism.index(name)
         missing = [n for n in self.mechanism.operational if n not in self.home]

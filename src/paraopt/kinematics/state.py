@@ -258,13 +258,23 @@ def report_state(kinematics: Kinematics, configuration: Configuration) -> StateR
     }
     used = np.max(np.abs(E), axis=0, initial=0.0) > 1e-12
     idle = tuple(name for name, u in zip(mechanism.names, used, strict=True) if not u)
-    margins = MotionSpace(kinematics).margins(configuration.X)
+    motions = _motion_basis(E, used, ranks["E"].value)
+    roles = (mechanism.active, mechanism.operational)
+    margins = [_smallest_and_volume(motions[None, mechanism.indices(names)])[0][0] for names in roles]
     parallel, serial = Determinants.at(kinematics, configuration)(configuration.X)
     return StateReport(
         mechanism.name, E.shape[1], E.shape[0], ranks, E.shape[1] - ranks["E"].value, idle,
-        E.shape[0] - ranks["E"].value, independent_rows(E), float(margins.parallel[0]), float(margins.serial[0]),
+        E.shape[0] - ranks["E"].value, independent_rows(E), float(margins[0]), float(margins[1]),
         float(parallel[0]), float(serial[0]),
     )  # fmt: skip
+
+
+def _motion_basis(E: Array, used: NDArray[np.bool_], rank: int) -> Array:
+    """Give an orthonormal basis of all motions that are not idle; shape (n_variables, useful mobility)."""
+    Vt = np.linalg.svd(E[:, used], full_matrices=True)[2]
+    basis = np.zeros((E.shape[1], int(np.count_nonzero(used)) - rank))
+    basis[used] = Vt[rank:].T
+    return basis
 
 
 def _smallest_and_volume(rows: Array) -> tuple[Array, Array]:

@@ -93,7 +93,12 @@ class SplineRefiner(NlpOptions):
             length = path.length(problem.metric)
             if violation is None and length <= seed.length * (1.0 + 1e-9):
                 return Refined(path, length, iterations, round_, options.barrier, len(nlp.samples), evaluations)
-            if violation is None:  # the barriers pushed it past the seed's length: let them push less
+            if violation is None:
+                if len(seed.points) == 2 and (straight := self._straight(nlp)) is not None:
+                    # nothing is shorter than the free straight line; the barriers may only bend it
+                    length = straight.length(problem.metric)
+                    return Refined(straight, length, iterations, round_, 0.0, len(nlp.samples), evaluations)
+                # the barriers pushed it past the seed's length: let them push less
                 options = replace(options, barrier=0.1 * options.barrier)
             else:
                 slack = violation.tighten(slack)
@@ -114,6 +119,11 @@ class SplineRefiner(NlpOptions):
             return 0.0
         n = self.samples_per_control * self.count_controls(seed)
         return (seed.length / n) ** 2 / (8.0 * self.choose_horizon(problem))
+
+    def _straight(self, nlp: Nlp) -> Path | None:
+        """Give the straight path if it holds on a dense check."""
+        path = self._path(nlp, nlp.initial)
+        return path if _check_densely(nlp.problem, path, 10 * len(nlp.samples)) is None else None
 
     def _path(self, nlp: Nlp, x: Array) -> Path:
         problem = nlp.problem

@@ -77,7 +77,8 @@ class JerkLimited:
         tiny = 1e-12 * np.max(d1)
         top = float(np.min(drives.velocity / np.max(d1, axis=0).clip(tiny)))
         triples = []
-        for share in np.linspace(1.0, 0.0, self.candidates, endpoint=False):
+        shares = [*np.linspace(1.0, 0.0, self.candidates, endpoint=False), *np.geomspace(0.05, 1e-4, 6)]
+        for share in shares:
             V = share * top
             room = drives.acceleration - d2 * V**2
             if np.any(room <= 0.0):
@@ -114,13 +115,13 @@ def _third(path: Path, s: Array, n_active: int, width: float = 1e-5) -> Array:
 
 
 def _profile(speed: float, acceleration: float, jerk: float) -> TimeLaw:
-    """Compute ruckig's fastest profile from rest at 0 to rest at 1, in units of time in which the speed limit is 1."""
-    unit = 1.0 / speed
+    """Compute ruckig's fastest profile from rest at 0 to rest at 1, in a unit of time near the duration."""
+    unit = max(1.0 / speed, acceleration**-0.5, jerk ** (-1.0 / 3.0))
     inputs = ruckig.InputParameter(1)
     inputs.current_position, inputs.target_position = [0.0], [1.0]
     inputs.current_velocity = inputs.target_velocity = [0.0]
     inputs.current_acceleration = inputs.target_acceleration = [0.0]
-    inputs.max_velocity, inputs.max_acceleration = [1.0], [acceleration * unit**2]
+    inputs.max_velocity, inputs.max_acceleration = [speed * unit], [acceleration * unit**2]
     inputs.max_jerk = [jerk * unit**3]
     trajectory = ruckig.Trajectory(1)
     result = ruckig.Ruckig(1).calculate(inputs, trajectory)

@@ -26,18 +26,22 @@ logging.getLogger("toppra").setLevel(logging.CRITICAL)
 
 
 class _GridPath(toppra.interpolator.AbstractGeometricPath):
-    """Show the actuators at the grid points to toppra, with exact derivatives."""
+    """Show the actuators at the grid points to toppra, with exact derivatives.
 
-    def __init__(self, drives: DrivePath) -> None:
-        self.drives = drives
+    The parameter is stretched by `unit`, so that the speeds toppra sees are near 1 whatever the units of the machine:
+    its tolerances are absolute.
+    """
+
+    def __init__(self, drives: DrivePath, unit: float) -> None:
+        self.drives, self.unit = drives, unit
 
     def __call__(self, path_positions: Any, order: int = 0) -> Array:
-        wanted = np.atleast_1d(np.asarray(path_positions, dtype=float))
-        index = np.searchsorted(self.drives.s, wanted)
-        index = np.clip(index, 0, len(self.drives.s) - 1)
+        wanted = np.atleast_1d(np.asarray(path_positions, dtype=float)) / self.unit
+        middles = 0.5 * (self.drives.s[1:] + self.drives.s[:-1])
+        index = np.searchsorted(middles, wanted)
         if not np.allclose(self.drives.s[index], wanted, rtol=0.0, atol=1e-12):
             raise BackendError("toppra asked for the path between its grid points")
-        values = (self.drives.q, self.drives.dq, self.drives.ddq)[order][index]
+        values = (self.drives.q, self.drives.dq, self.drives.ddq)[order][index] / self.unit**order
         return values[0] if np.ndim(path_positions) == 0 else values
 
     @property
@@ -46,7 +50,7 @@ class _GridPath(toppra.interpolator.AbstractGeometricPath):
 
     @property
     def path_interval(self) -> Array:
-        return np.array([0.0, 1.0])
+        return np.array([0.0, self.unit])
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,7 @@ class TimeOptimal:
         knots = np.unique(path.spline.t)
         s = np.union1d(spread, knots[np.min(np.abs(knots[:, None] - spread), axis=1) > 0.1 / n])
         drives = sample_drives(problem, path, s)
+        unit = float(np.max(np.abs(drives.dq) / drives.velocity))
         scheme = toppra.constraint.DiscretizationType.Interpolation
         constraints = [
             toppra.constraint.JointVelocityConstraint(np.column_stack([-drives.velocity, drives.velocity])),
@@ -116,8 +121,8 @@ class TimeOptimal:
         try:
             instance = toppra.algorithm.TOPPRA(
                 constraints,
-                _GridPath(drives),
-                gridpoints=s,
+                _GridPath(drives, unit),
+                gridpoints=unit * s,
                 solver_wrapper="seidel",
                 parametrizer="ParametrizeConstAccel",
             )
@@ -126,8 +131,9 @@ class TimeOptimal:
             raise BackendError(f"toppra failed: {error}", path=path) from error
         if speed is None or not np.all(np.isfinite(speed)):
             raise RetimeError(f"toppra found no time law: {instance.problem_data.return_code.value}", path=path)
+        speed = speed / unit
         means = 0.5 * (speed[1:] + speed[:-1])
-        stalled = np.flatnonzero(means <= 1e-10)
+        stalled = np.flatnonzero(means <= 1e-10 / unit)
         if stalled.size:
             raise RetimeError(
                 f"the path speed falls to zero at s = {s[stalled[0]]:.4f}, where no speed can follow the path "

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.errors import InfeasibleError
-from paraopt.kinematics import Configuration, SolveOptions
+from paraopt.errors import DefinitionError, InfeasibleError
+from paraopt.kinematics import Configuration, SolveOptions, report_state
 from paraopt.planning.problem import Problem
 
 Array = NDArray[np.float64]
@@ -120,8 +120,17 @@ def check_ends(problem: Problem, validity: Validity) -> None:
         validity: Its judge.
 
     Raises:
+        DefinitionError: The operational variables are not as many as the degrees of freedom.
         InfeasibleError: The message names the end, what is wrong there, the value and the bound.
     """
+    report = report_state(problem.robot.kinematics, problem.start_configuration)
+    if report.useful_mobility != len(problem.independent):
+        raise DefinitionError(
+            f"{problem.robot.name!r} has {report.useful_mobility} useful degrees of freedom at the start, but "
+            f"{len(problem.independent)} operational variables {list(problem.independent)}: a path in these does not "
+            "determine the motion; name as many operational variables as there are degrees of freedom",
+            report=report,
+        )
     for label, configuration in (
         ("start", problem.start_configuration),
         ("goal", problem.goal_configuration),
@@ -216,5 +225,5 @@ def _explain(problem: Problem, X: Array, reason: str) -> str:
     between = " and ".join(kinds[k] for k in changed)
     return (
         f"lies on another branch than the start: the determinant of {' and '.join(changed)} has the other sign, "
-        f"so every motion between them crosses {between}"
+        f"so a motion between them crosses {between} (or turns a spherical joint through its gimbal position)"
     )

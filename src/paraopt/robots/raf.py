@@ -101,6 +101,7 @@ def raf(
             **{f"jack {i}": 1.2 for i in (1, 2, 3)}, **{f"rod {i}": 0.4 for i in (1, 2, 3)},
             "arm A": 0.6, "arm B": 0.6, **{f"forearm {k}": 0.15 for k in FOREARM_AT_PLATFORM}, "platform": 1.5,
         },
+        tool=("platform", (0, 0, tool_length)),
         source="Lahouar, IV.1 (points and axes); strokes, drive limits, masses and solids are ours",
     )  # fmt: skip
 

@@ -40,10 +40,10 @@ def build_geometry(shape: Shape) -> coal.CollisionGeometry:
     raise DefinitionError(f"{shape.label} cannot be checked for collision; use Box, Sphere, Cylinder or Capsule")
 
 
-def _build_request(tolerance: float) -> coal.DistanceRequest:
+def _build_request(separation: float, penetration: float) -> coal.DistanceRequest:
     request = coal.DistanceRequest()
     request.enable_signed_distance = True
-    request.gjk_tolerance = request.epa_tolerance = tolerance
+    request.gjk_tolerance, request.epa_tolerance = separation, penetration
     request.gjk_max_iterations = request.epa_max_iterations = 512
     return request
 
@@ -54,7 +54,7 @@ class CollisionModel:
     Args:
         bodies: The solids.
         pairs: The pairs that are checked.
-        tolerance: Accuracy asked of coal's iterations [m].
+        tolerance: Accuracy asked of coal's iterations for separate bodies [m]; penetrations are known to about 1e-5 m.
     """
 
     def __init__(self, bodies: Sequence[Body], pairs: Sequence[Pair], tolerance: float = 1e-9) -> None:
@@ -62,9 +62,9 @@ class CollisionModel:
         geometries = [build_geometry(b.shape) for b in self.bodies]
         self._geometries = geometries  # coal keeps no reference of its own
         self._measure = [coal.ComputeDistance(geometries[p.first], geometries[p.second]) for p in self.pairs]
-        self._request = _build_request(tolerance)
-        # the search in deep penetration may fail when asked for too much: it is then asked again for less
-        self._modest_request = _build_request(1e3 * tolerance)
+        # asked for more than about 1e-6 m, coal's search for the depth of a penetration ends on wrong facets or fails
+        self._request = _build_request(tolerance, max(tolerance, 1e-6))
+        self._modest_request = _build_request(1e3 * tolerance, 1e-4)
         self._first = np.array([p.first for p in self.pairs], dtype=int)
         self._second = np.array([p.second for p in self.pairs], dtype=int)
         ends, radii = zip(*[enclose(b.shape) for b in self.bodies], strict=True) if self.bodies else ((), ())

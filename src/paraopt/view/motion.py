@@ -42,11 +42,12 @@ def list_page_bodies(scene: Scene) -> tuple[Body, ...]:
 
 
 def trace(problem: Problem, X: Array) -> Array:
-    """Follow the origin of the link that carries the operational variables; shape (n, 3) [m]."""
+    """Follow the robot's tool point; shape (n, 3) [m]."""
     mechanism = problem.robot.mechanism
     carrier = next(v.link for v in mechanism.variables if v.role == "operational")
-    frame = [link.name for link in mechanism.links].index(carrier)
-    return problem.robot.kinematics.poses(X)[:, frame, :3, 3]
+    link, point = problem.robot.tool or (carrier, (0.0, 0.0, 0.0))
+    poses = problem.robot.kinematics.poses(X)[:, [k.name for k in mechanism.links].index(link)]
+    return poses[:, :3, :3] @ np.asarray(point) + poses[:, :3, 3]
 
 
 def draw_motion(problem: Problem, seed: Seed, trajectory: Trajectory, certificate: Certificate) -> dict[str, Figure]:
