@@ -114,18 +114,32 @@ class Determinants:
         Returns:
             Normalised determinants of [N K] and of [M N] [1], shape (n,) each; nan where not square.
         """
-        (E,) = self.kinematics.functions.scaled_jacobian.batch(np.atleast_2d(np.asarray(X, dtype=float)))
-        chosen = E[:, self.rows, :]
+        chosen = self._chosen_rows(X)
         whole = chosen[:, :, self.columns]
         volume = 0.5 * np.linalg.slogdet(whole @ whole.transpose(0, 2, 1))[1]
+        (sign_p, log_p), (sign_s, log_s) = self._factors(chosen)
+        return sign_p * np.exp(log_p - volume), sign_s * np.exp(log_s - volume)
 
-        def determinant(columns: NDArray[np.intp], square: bool) -> Array:
-            if not square:
-                return np.full(len(E), np.nan)
-            sign, logarithm = np.linalg.slogdet(chosen[:, :, columns])
-            return sign * np.exp(logarithm - volume)
+    def signs(self, X: ArrayLike) -> tuple[Array, Array]:
+        """Evaluate the signs of both determinants at n points, shape (n,) each; nan where not square."""
+        (parallel, _), (serial, _) = self._factors(self._chosen_rows(X))
+        return parallel, serial
 
-        return determinant(self.parallel_columns, self.has_parallel), determinant(self.serial_columns, self.has_serial)
+    def _chosen_rows(self, X: ArrayLike) -> Array:
+        (E,) = self.kinematics.functions.scaled_jacobian.batch(np.atleast_2d(np.asarray(X, dtype=float)))
+        return E[:, self.rows, :]
+
+    def _factors(self, chosen: Array) -> list[tuple[Array, Array]]:
+        """Give sign and logarithm of both determinants from their LU factors."""
+        nan = np.full(len(chosen), np.nan)
+        result: list[tuple[Array, Array]] = []
+        for columns, square in ((self.parallel_columns, self.has_parallel), (self.serial_columns, self.has_serial)):
+            if square:
+                sign, logarithm = np.linalg.slogdet(chosen[:, :, columns])
+                result.append((np.asarray(sign, dtype=float), np.asarray(logarithm, dtype=float)))
+            else:
+                result.append((nan, nan))
+        return result
 
 
 @dataclass(frozen=True, eq=False)

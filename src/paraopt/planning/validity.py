@@ -58,8 +58,8 @@ class Validity:
     @cached_property
     def signs(self) -> tuple[float, float]:
         """Give the signs of the determinants of [N K] and [M N] at the start; nan where not square."""
-        parallel, serial = self.problem.determinants(self.problem.start_configuration.X)
-        return float(np.sign(parallel[0])), float(np.sign(serial[0]))
+        parallel, serial = self.problem.determinants.signs(self.problem.start_configuration.X)
+        return float(parallel[0]), float(serial[0])
 
     def judge(self, values: Array, starts: Array, tangents: Array) -> Verdict:
         """Solve and judge n poses.
@@ -93,11 +93,13 @@ class Validity:
         worst = np.argmax(excess, axis=1)
         for i in np.flatnonzero((reasons == VALID) & (np.max(excess, axis=1) > 1e-9)):
             reasons[i] = f"limit of {self._names[worst[i]]}"
+        if problem.scene.pairs and (left := np.flatnonzero(reasons == VALID)).size:
+            for i, pair in zip(left, problem.scene.too_close(X[left], problem.margins.clearance), strict=True):
+                if pair >= 0:
+                    reasons[i] = f"collision {problem.scene.pairs[pair].name}"
         if (left := np.flatnonzero(reasons == VALID)).size:
-            parallel, serial = problem.determinants(X[left])
-            wrong = np.zeros(len(left), dtype=bool)
-            for value, sign in zip((parallel, serial), self.signs, strict=True):
-                wrong |= ~np.isnan(value) & (np.sign(value) != sign) & (sign == sign)
+            signs = problem.determinants.signs(X[left])
+            wrong = np.any([(s != sign) & (sign == sign) for s, sign in zip(signs, self.signs, strict=True)], axis=0)
             reasons[left[wrong]] = "branch"
         T = np.zeros((*X.shape, len(self._independent)))
         if (left := np.flatnonzero(reasons == VALID)).size:
@@ -105,10 +107,6 @@ class Validity:
             margins = problem.space.margins(X[left], T[left])
             close = np.minimum(margins.parallel, margins.serial) < problem.margins.singularity
             reasons[left[close]] = "singularity"
-        if problem.scene.pairs and (left := np.flatnonzero(reasons == VALID)).size:
-            for i, pair in zip(left, problem.scene.too_close(X[left], problem.margins.clearance), strict=True):
-                if pair >= 0:
-                    reasons[i] = f"collision {problem.scene.pairs[pair].name}"
         return Verdict(reasons == VALID, X, T, tuple(reasons.tolist()))
 
 
