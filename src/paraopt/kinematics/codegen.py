@@ -209,6 +209,8 @@ class CompiledFunction:
         Returns:
             One array (n, rows, columns), or (n, rows) for columns of width 1, for each output.
         """
+        if len(arguments) != len(self._in_sizes):
+            raise DefinitionError(f"{self.name} takes {len(self._in_sizes)} inputs; {len(arguments)} were given")
         arrays, counts = [], []
         for k, (argument, size, shape) in enumerate(zip(arguments, self._in_sizes, self.in_shapes, strict=True)):
             array = np.ascontiguousarray(argument, dtype=float)
@@ -333,7 +335,7 @@ def _load_all(functions: Sequence[ca.Function], backend: Backend) -> ctypes.CDLL
     if backend == "virtual machine":
         return None
     compiler = find_compiler()
-    names = ", ".join(f.name() for f in functions)
+    names = ", ".join(repr(f.name()) for f in functions)
     if compiler is None:
         if backend == "compiled":
             raise BackendError(f"no C compiler was found for {names}; install one or use backend='auto'")
@@ -343,7 +345,7 @@ def _load_all(functions: Sequence[ca.Function], backend: Backend) -> ctypes.CDLL
     except (BackendError, OSError) as error:
         if backend == "compiled":
             raise
-        logger.warning("%s: the virtual machine is used: %s", names, error)
+        logger.warning("%s runs in the virtual machine: %s", names, error)
         return None
 
 
@@ -380,5 +382,6 @@ def _compile(functions: Sequence[ca.Function], command: Sequence[str], target: P
         full = [*command, str(source), "-o", str(product), "-lm"]
         done = subprocess.run(full, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            raise BackendError(f"{command[0]} failed: {done.stderr.strip()[:500]}", command=full)
+            names = ", ".join(f.name() for f in functions)
+            raise BackendError(f"{command[0]} failed on {names}: {done.stderr.strip()[:500]}", command=full)
         os.replace(product, target)

@@ -46,6 +46,7 @@ class FunctionSet:
             lambda: (self.step, self.tangent(width), self.curvature(1), self.curvature(width * (width + 1) // 2)),
             lambda: self.pose_velocity(width),
             lambda: self.scaled_jacobian,
+            lambda: self.jacobians,
             lambda: self.residual,
             lambda: self.poses,
         ]

@@ -165,6 +165,8 @@ def solve_nearest(
     for iteration in range(1, options.nearest_iterations + 1):
         (E,) = functions.scaled_jacobian(z * scale)
         Z = _null_space(E)
+        if Z.shape[1] == 0:  # nothing can move
+            return z * scale, iteration, True
         gradient = weight**2 * (z - wanted)
         multipliers = np.linalg.lstsq(E.T, -(gradient + push), rcond=1e-10)[0]
         (curvature,) = functions.closure_hessian(z * scale, multipliers)

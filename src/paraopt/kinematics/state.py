@@ -292,6 +292,8 @@ def _motion_basis(E: Array, used: NDArray[np.bool_], rank: int) -> Array:
 
 
 def _smallest_and_volume(rows: Array) -> tuple[Array, Array]:
+    if rows.shape[2] == 0:  # nothing moves: nothing can be lost
+        return np.ones(len(rows)), np.zeros(len(rows))
     if rows.shape[1] < rows.shape[2]:  # fewer imposed variables than motions: some motion is always free
         return np.zeros(len(rows)), np.full(len(rows), -np.inf)
     values = np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=float)
