@@ -286,6 +286,7 @@ def test_imposed_values_are_met_exactly_or_not_claimed(closed: Closed, seed: int
             _ = solution.configuration
 
 
+@pytest.mark.slow
 @given(closed=closed_mechanisms())
 def test_motions_keep_the_loops_closed(closed: Closed) -> None:
     """The tangent annihilates E where the chosen coordinates parametrise the motions."""
