@@ -12,8 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError
-from paraopt.mechanism import Base, Closure, Coincidence, Link, Mechanism, Motion, Series
+from paraopt.mechanism import (
+    Base,
+    Closure,
+    Coincidence,
+    Link,
+    Mechanism,
+    Motion,
+    ParallelAxes,
+    ParallelPlanes,
+    PerpendicularAxes,
+    PointOnLine,
+    PointOnPlane,
+    Series,
+    Weld,
+)
+from paraopt.mechanism.closures import unit
 from paraopt.spatial import rotation_about, rotation_xyz
+
+Unit = Literal["m", "1"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +43,7 @@ class Row:
     """
 
     name: str
-    unit: Literal["m", "1"]
+    unit: Unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,54 +106,114 @@ def build_closure(mechanism: Mechanism) -> ClosureGraph:
         X_W[link.name] = father @ _constant_placement(link) @ _joint_transform(link.motions, value)
     equations: list[ca.SX] = []
     rows: list[Row] = []
-    for closure in mechanism.closures:
-        expression, names, unit = build_equations(closure, X_W, mechanism.planar)
-        equations.append(expression)
-        rows += [Row(name, unit) for name in names]
+    for constraint in mechanism.constraints:
+        for expression, new in build_equations(constraint, X_W, mechanism.planar):
+            equations.append(expression)
+            rows += new
     F = ca.vertcat(*equations) if equations else ca.SX(0, 1)
     return ClosureGraph(mechanism, X, F, tuple(rows), X_W)
 
 
+Equations = list[tuple[ca.SX, list[Row]]]
+
+
 @singledispatch
-def build_equations(
-    closure: Closure, X_W: Mapping[str, ca.SX], planar: bool
-) -> tuple[ca.SX, list[str], Literal["m", "1"]]:
-    """Build the equations of one closure.
+def build_equations(constraint: Closure, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+    """Build the equations of one simple constraint.
 
     Args:
-        closure: The closure.
+        constraint: The constraint.
         X_W: Pose of every link in the world.
         planar: Whether out-of-plane rows are left out.
 
     Returns:
-        The residual, the name of each of its rows, and their unit.
+        Residuals, each with the names and units of its rows.
 
     Raises:
-        DefinitionError: The kind of closure is not known.
+        DefinitionError: The kind of constraint is not known.
+
+    Source: Lahouar, II.1.
     """
-    raise DefinitionError(f"no equations are known for a closure of type {type(closure).__name__}")
+    raise DefinitionError(f"no equations are known for a closure of type {type(constraint).__name__}")
 
 
 @build_equations.register
-def _(closure: Coincidence, X_W: Mapping[str, ca.SX], planar: bool) -> tuple[ca.SX, list[str], Literal["m", "1"]]:
-    gap = _point(X_W[closure.link_A], closure.point_A) - _point(X_W[closure.link_B], closure.point_B)
-    axes = "xy" if planar else "xyz"
-    return gap[: len(axes)], [f"{closure.name} [{axis}]" for axis in axes], "m"
+def _(constraint: Coincidence, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+    gap = _point(X_W[constraint.link_A], constraint.point_A) - _point(X_W[constraint.link_B], constraint.point_B)
+    return [_along_axes(gap, constraint.name, "m", "xy" if planar else "xyz")]
+
+
+@build_equations.register
+def _(constraint: ParallelAxes, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+    u_A = _direction(X_W[constraint.link_A], constraint.axis_A)
+    u_B = _direction(X_W[constraint.link_B], constraint.axis_B)
+    return [_along_axes(ca.cross(u_A, u_B), constraint.name, "1", "z" if planar else "xyz")]
+
+
+@build_equations.register
+def _(constraint: ParallelPlanes, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+    n_A = _direction(X_W[constraint.link_A], constraint.normal_A)
+    n_B = _direction(X_W[constraint.link_B], constraint.normal_B)
+    return [_along_axes(ca.cross(n_A, n_B), constraint.name, "1", "z" if planar else "xyz")]
+
+
+@build_equations.register
+def _(constraint: PerpendicularAxes, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+    u_A = _direction(X_W[constraint.link_A], constraint.axis_A)
+    u_B = _direction(X_W[constraint.link_B], constraint.axis_B)
+    return [(ca.dot(u_A, u_B), [Row(constraint.name, "1")])]
+
+
+@build_equations.register
+def _(constraint: PointOnLine, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+    gap = _point(X_W[constraint.link_A], constraint.point_A) - _point(X_W[constraint.link_B], constraint.point_B)
+    u_B = _direction(X_W[constraint.link_B], constraint.axis_B)
+    return [_along_axes(ca.cross(gap, u_B), constraint.name, "m", "z" if planar else "xyz")]
+
+
+@build_equations.register
+def _(constraint: PointOnPlane, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+    gap = _point(X_W[constraint.link_A], constraint.point_A) - _point(X_W[constraint.link_B], constraint.point_B)
+    n_B = _direction(X_W[constraint.link_B], constraint.normal_B)
+    return [(ca.dot(gap, n_B), [Row(constraint.name, "m")])]
+
+
+@build_equations.register
+def _(constraint: Weld, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+    X_AB = _constant_transform(constraint.at, constraint.rotation)
+    difference = X_W[constraint.link_A] @ X_AB - X_W[constraint.link_B]
+    # in the plane the cosine and the sine of one direction say all; one alone would allow half a turn
+    axes, columns = ("xy", "x") if planar else ("xyz", "xyz")
+    turned = [_along_axes(difference[:3, "xyz".index(c)], f"{constraint.name} [e{c}]", "1", axes) for c in columns]
+    return [_along_axes(difference[:3, 3], constraint.name, "m", axes), *turned]
+
+
+def _along_axes(vector: ca.SX, name: str, unit: Unit, axes: str) -> tuple[ca.SX, list[Row]]:
+    components = ca.vertcat(*[vector["xyz".index(axis)] for axis in axes])
+    return components, [Row(f"{name} [{axis}]", unit) for axis in axes]
 
 
 def _point(X_WL: ca.SX, p_L: Any) -> ca.SX:
     return X_WL[:3, :3] @ ca.DM(p_L) + X_WL[:3, 3]
 
 
+def _direction(X_WL: ca.SX, direction: Any) -> ca.SX:
+    return X_WL[:3, :3] @ ca.sparsify(ca.DM(unit(direction)))
+
+
 def _constant_placement(link: Link) -> ca.SX:
     if not isinstance(link, (Base, Series)):
         return ca.SX.eye(4)
+    return _constant_transform(link.at, link.rotation)
+
+
+def _constant_transform(at: Any, rotation: Any) -> ca.SX:
     X = ca.SX.eye(4)
     # exact quarter turns keep the graph sparse: cos(pi/2) = 6e-17 would tie everything to everything
-    R = np.asarray(ca.DM(rotation_xyz(*link.rotation)))
+    R = np.asarray(ca.DM(rotation_xyz(*rotation)))
     R[np.abs(R) < 1e-15] = 0.0
     X[:3, :3] = ca.sparsify(ca.DM(R))
-    X[:3, 3] = ca.sparsify(ca.DM(link.at))
+    X[:3, 3] = ca.sparsify(ca.DM(at))
     return X
 
 

@@ -100,6 +100,8 @@ class Robot:
         tool: Name of a link and a point on it [m], whose way in space is drawn; the origin of the link that carries the
             operational variables when None.
         source: Where the description comes from, and what is ours.
+        facts: What is known of the mechanism, as whole numbers by name: "variables", "equations", "rank E", "rank M",
+            "rank N", "rank K", "mobility", "idle", "working modes", "assembly modes"; those that are known.
     """
 
     mechanism: Mechanism
@@ -110,6 +112,7 @@ class Robot:
     contacts: Mapping[tuple[str, str], str] = field(default_factory=dict)
     tool: tuple[str, Sequence[float]] | None = None
     source: str = ""
+    facts: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         known = [link.name for link in self.mechanism.links]
@@ -146,7 +149,7 @@ class Robot:
             raise DefinitionError(f"home of {self.mechanism.name!r} lacks the operational variables {missing}")
         self.limits.check_names(self.mechanism)
         object.__setattr__(self, "shapes", MappingProxyType(named))
-        for mapping in ("home", "masses", "contacts"):
+        for mapping in ("home", "masses", "contacts", "facts"):
             object.__setattr__(self, mapping, MappingProxyType(dict(getattr(self, mapping))))
 
     @property

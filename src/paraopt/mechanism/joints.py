@@ -125,25 +125,35 @@ def _ranges(given: Sequence[Range] | None, count: int, joint: str) -> tuple[Rang
     return tuple(given)
 
 
+def as_order(order: str, owner: str) -> str:
+    """Read the order of three rotations, such as "xyz" or "zyx"."""
+    if not isinstance(order, str) or sorted(order) != list(AXES):
+        raise DefinitionError(f"order of rotations of {owner} is {order!r}; it must be 'xyz', 'zyx' or another order")
+    return order
+
+
 @dataclass(frozen=True)
 class Spherical(Joint):
-    """Rotate about x, then y, then z.
+    """Rotate about x, then y, then z, or in another order; each axis is that of the frame reached before.
 
     Attributes:
-        names: Three names, or one stem that becomes `stem.x`, `stem.y`, `stem.z`.
-        ranges: Lowest and highest value of each angle [rad]; unlimited when None.
+        names: Three names in the order of the rotations, or one stem that becomes `stem.x`, `stem.y`, `stem.z`.
+        ranges: Lowest and highest value of each angle [rad] in the order of the rotations; unlimited when None.
+        order: Order of the rotations: "xyz" is `Rx Ry Rz`, "zyx" is `Rz Ry Rx`.
 
     Source: Lahouar, II.1.
     """
 
     names: str | Sequence[str]
     ranges: Sequence[Range] | None = None
+    order: str = "xyz"
 
     @property
     def motions(self) -> tuple[Motion, ...]:
-        names = _names(self.names, AXES, "spherical")
+        order = as_order(self.order, f"spherical joint {self.names!r}")
+        names = _names(self.names, tuple(order), "spherical")
         ranges = _ranges(self.ranges, 3, "spherical")
-        return tuple(Motion(n, "angle", a, r) for n, a, r in zip(names, AXES, ranges, strict=True))
+        return tuple(Motion(n, "angle", a, r) for n, a, r in zip(names, order, ranges, strict=True))
 
 
 @dataclass(frozen=True)

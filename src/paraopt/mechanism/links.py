@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from paraopt.errors import DefinitionError, unknown_name
-from paraopt.mechanism.joints import UNLIMITED, Fixed, Joint, Kind, Motion, Range
+from paraopt.mechanism.joints import UNLIMITED, Fixed, Joint, Kind, Motion, Range, as_order
 from paraopt.spatial import finite_vector
 
 # kind and axis of each coordinate that a free link may have, in the order in which they are applied
@@ -109,22 +110,29 @@ class Series(Link):
 class Mobile(Link):
     """Describe a free link, such as a platform.
 
+    Its pose is the position (x, y, z) and the rotation about the three axes in the stated order: "xyz" is
+    `Rx(alpha) Ry(beta) Rz(gamma)`, "zyx" is `Rz(gamma) Ry(beta) Rx(alpha)`.
+
     Attributes:
         name: Name.
         coordinates: Which of x, y, z [m], alpha, beta, gamma [rad] are free, in the plane x, y, theta; the others
             stay zero. All of them when None.
         prefix: Put before each coordinate's name, so that several free links may coexist.
         ranges: Lowest and highest value by coordinate; unlimited where absent.
+        order: Order of the rotations, "xyz", "zyx" or any other order of the three letters.
 
-    Source: Lahouar, II.1.
+    Source: Lahouar, II.1; Tripod (z-y-x).
     """
 
     coordinates: Sequence[str] | None = None
     prefix: str = ""
     ranges: Mapping[str, Range] = field(default_factory=dict)
+    order: str = "xyz"
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        object.__setattr__(self, "order", as_order(self.order, f"mobile link {self.name!r}"))
+        free: Sequence[str] = tuple(FREE_COORDINATES)
         if self.coordinates is not None:
             coordinates = tuple(self.coordinates)
             for c in coordinates:
@@ -133,14 +141,22 @@ class Mobile(Link):
             if len({FREE_COORDINATES[c] for c in coordinates}) != len(coordinates):
                 raise DefinitionError(f"mobile link {self.name!r} has coordinates {coordinates!r}: one is doubled")
             object.__setattr__(self, "coordinates", coordinates)
+            free = coordinates
         for c in self.ranges:
-            if c not in FREE_COORDINATES:
-                raise unknown_name(f"coordinate in the ranges of mobile link {self.name!r}", c, FREE_COORDINATES)
+            if c not in free:
+                raise unknown_name(f"coordinate in the ranges of mobile link {self.name!r}", c, free)
+        object.__setattr__(self, "ranges", MappingProxyType(dict(self.ranges)))
+        _ = self.motions  # a faulty range is refused here, not at the first use
 
     @property
     def motions(self) -> tuple[Motion, ...]:
         chosen = SPATIAL_COORDINATES if self.coordinates is None else self.coordinates
-        ordered = [c for c in FREE_COORDINATES if c in chosen]
+
+        def rank(coordinate: str) -> tuple[bool, int]:
+            kind, axis = FREE_COORDINATES[coordinate]
+            return kind == "angle", (self.order if kind == "angle" else "xyz").index(axis)
+
         return tuple(
-            Motion(self.prefix + c, *FREE_COORDINATES[c], range=self.ranges.get(c, UNLIMITED)) for c in ordered
+            Motion(self.prefix + c, *FREE_COORDINATES[c], range=self.ranges.get(c, UNLIMITED))
+            for c in sorted(chosen, key=rank)
         )

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from paraopt.errors import DefinitionError, unknown_name
-from paraopt.mechanism.closures import Closure, Coincidence
+from paraopt.mechanism.closures import Closure
 from paraopt.mechanism.joints import Kind, Motion, Range
 from paraopt.mechanism.links import PLANAR_COORDINATES, Base, Link, Mobile, Series
 
@@ -70,20 +70,34 @@ class Mechanism:
     def __post_init__(self) -> None:
         for field in ("links", "closures", "active", "operational"):
             value = getattr(self, field)
-            if isinstance(value, str):
-                raise DefinitionError(f"{field} of {self.name!r} is the string {value!r}; it must be a sequence")
+            if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
+                raise DefinitionError(f"{field} of {self.name!r} is {value!r}; it must be a sequence")
             object.__setattr__(self, field, tuple(value))
+        if not isinstance(self.name, str) or not self.name:
+            raise DefinitionError(f"name of a mechanism is {self.name!r}; it must be a non-empty string")
+        self._check_links()
         if self.planar:
             self._complete_planar_links()
-        self._check_links()
         self._check_closures()
         self._check_variables()
         if self.characteristic_length is not None:
-            length = float(self.characteristic_length)
+            stated = self.characteristic_length
+            try:
+                length = float(stated)
+            except (TypeError, ValueError) as error:
+                raise DefinitionError(
+                    f"characteristic length of {self.name!r} is {stated!r}; it must be a number of metres"
+                ) from error
             if not (np.isfinite(length) and length > 0):
                 raise DefinitionError(f"characteristic length of {self.name!r} is {length} m; it must be above 0")
+            object.__setattr__(self, "characteristic_length", length)
 
     # -- reading ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def constraints(self) -> tuple[Closure, ...]:
+        """List the simple constraints that the closures are made of, in the order of the closures."""
+        return tuple(part for closure in self.closures for part in closure.expand(self.planar))
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
@@ -118,7 +132,7 @@ class Mechanism:
         if self.characteristic_length is not None:
             return float(self.characteristic_length)
         points = [link.at for link in self.links if isinstance(link, Series)]
-        points += [p for c in self.closures if isinstance(c, Coincidence) for p in (c.point_A, c.point_B)]
+        points += [p for c in self.closures for p in c.points]
         distances = [float(np.linalg.norm(p)) for p in points]
         positive = [d for d in distances if d > 0.0]
         return float(np.mean(positive)) if positive else 1.0
@@ -171,9 +185,7 @@ class Mechanism:
 
     def _complete_planar_links(self) -> None:
         links = [
-            Mobile(k.name, PLANAR_COORDINATES, k.prefix, k.ranges)
-            if isinstance(k, Mobile) and k.coordinates is None
-            else k
+            replace(k, coordinates=PLANAR_COORDINATES) if isinstance(k, Mobile) and k.coordinates is None else k
             for k in self.links
         ]
         object.__setattr__(self, "links", tuple(links))
@@ -187,9 +199,6 @@ class Mechanism:
             at, rotation = getattr(link, "at", (0, 0, 0)), getattr(link, "rotation", (0, 0, 0))
             if at[2] != 0 or rotation[0] != 0 or rotation[1] != 0:
                 raise DefinitionError(f"{self.name!r} is planar, but link {link.name!r} is placed out of its plane")
-        for c in self.closures:
-            if isinstance(c, Coincidence) and (c.point_A[2] != 0 or c.point_B[2] != 0):
-                raise DefinitionError(f"{self.name!r} is planar, but closure {c.name!r} has a point out of its plane")
 
     def _check_links(self) -> None:
         for link in self.links:
@@ -212,9 +221,11 @@ class Mechanism:
                 raise DefinitionError(f"{self.name!r} has {closure!r} among its closures; it must be a Closure")
             for end in (closure.link_A, closure.link_B):
                 if end not in known:
-                    raise unknown_name(f"link in closure {getattr(closure, 'name', '')!r}", end, known)
+                    raise unknown_name(f"link in closure {closure.name!r}", end, known)
             if closure.link_A == closure.link_B:
-                raise DefinitionError(f"closure {getattr(closure, 'name', '')!r} ties {closure.link_A!r} to itself")
+                raise DefinitionError(f"closure {closure.name!r} ties {closure.link_A!r} to itself")
+        _check_unique("closure", (closure.name for closure in self.closures), self.name)
+        _check_unique("constraint", (part.name for part in self.constraints), self.name)
 
     def _check_variables(self) -> None:
         declared = [m.name for link in self.links for m in link.motions]

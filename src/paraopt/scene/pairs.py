@@ -162,9 +162,11 @@ def _list_ties(robot: Robot) -> dict[str, list[_Tie]]:
             ties[link.father].append(_Tie(link.name, "a joint", None if slides else (x, y, z)))
             ties[link.name].append(_Tie(link.father, "a joint", None if slides else origin))
     for closure in robot.mechanism.closures:
-        points = [getattr(closure, key, None) for key in ("point_A", "point_B")]
-        ties[closure.link_A].append(_Tie(closure.link_B, "a closure", points[0]))
-        ties[closure.link_B].append(_Tie(closure.link_A, "a closure", points[1]))
+        if not closure.points:  # directions alone do not bring two links together
+            continue
+        anchor_A, anchor_B = closure.anchors
+        ties[closure.link_A].append(_Tie(closure.link_B, "a closure", anchor_A))
+        ties[closure.link_B].append(_Tie(closure.link_A, "a closure", anchor_B))
     return ties
 
 
