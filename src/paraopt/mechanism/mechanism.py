@@ -75,9 +75,12 @@ class Mechanism:
             object.__setattr__(self, field, tuple(value))
         if not isinstance(self.name, str) or not self.name:
             raise DefinitionError(f"name of a mechanism is {self.name!r}; it must be a non-empty string")
-        self._check_links()
+        for link in self.links:
+            if not isinstance(link, (Base, Series, Mobile)):
+                raise DefinitionError(f"{self.name!r} has {link!r} among its links; it must be Base, Series or Mobile")
         if self.planar:
             self._complete_planar_links()
+        self._check_links()
         self._check_closures()
         self._check_variables()
         if self.characteristic_length is not None:
@@ -201,9 +204,6 @@ class Mechanism:
                 raise DefinitionError(f"{self.name!r} is planar, but link {link.name!r} is placed out of its plane")
 
     def _check_links(self) -> None:
-        for link in self.links:
-            if not isinstance(link, (Base, Series, Mobile)):
-                raise DefinitionError(f"{self.name!r} has {link!r} among its links; it must be Base, Series or Mobile")
         bases = [link.name for link in self.links if isinstance(link, Base)]
         if len(bases) != 1:
             raise DefinitionError(f"{self.name!r} has {len(bases)} base links {bases}; it must have exactly one")
