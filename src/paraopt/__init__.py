@@ -15,6 +15,7 @@ from paraopt.errors import (
     SolveError,
     UnknownNameError,
 )
+from paraopt.io import load_mechanism, load_obstacles, load_robot, save_mechanism, save_robot
 from paraopt.kinematics import (
     Configuration,
     Jacobians,
@@ -142,9 +143,14 @@ __all__ = [
     "UnknownNameError",
     "Weld",
     "build_nlp",
+    "load_mechanism",
+    "load_obstacles",
+    "load_robot",
     "plan",
     "report_state",
     "robots",
+    "save_mechanism",
+    "save_robot",
     "solve_nlp",
     "transform",
     "verify",

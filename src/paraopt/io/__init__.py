@@ -1,5 +1,6 @@
-"""In and out: trajectories as CSV, reports as JSON; files appear whole or not at all."""
+"""In and out: machines as TOML, trajectories as CSV, reports as JSON; files appear whole or not at all."""
 
+from paraopt.io.description import load_mechanism, load_obstacles, load_robot, save_mechanism, save_robot
 from paraopt.io.files import write_atomically
 from paraopt.io.report import build_report, describe, write_report
 from paraopt.io.tables import Table, read_trajectory, write_trajectory
@@ -8,7 +9,12 @@ __all__ = [
     "Table",
     "build_report",
     "describe",
+    "load_mechanism",
+    "load_obstacles",
+    "load_robot",
     "read_trajectory",
+    "save_mechanism",
+    "save_robot",
     "write_atomically",
     "write_report",
     "write_trajectory",
