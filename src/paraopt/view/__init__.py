@@ -2,6 +2,7 @@
 
 from paraopt.view.content import Body, PathLine, Readout
 from paraopt.view.figures import draw_actuators, draw_margins, draw_series, save_figure
+from paraopt.view.link_graph import draw_link_graph
 from paraopt.view.motion import draw_motion, list_page_bodies, write_motion_page
 from paraopt.view.page import build_page, write_page
 from paraopt.view.path_figure import draw_path
@@ -12,6 +13,7 @@ __all__ = [
     "Readout",
     "build_page",
     "draw_actuators",
+    "draw_link_graph",
     "draw_margins",
     "draw_motion",
     "draw_path",

@@ -1,0 +1,455 @@
+"""Draw the graph of a mechanism: links as boxes, joints as lines, closures as dashed lines, the base at the bottom."""
+
+from __future__ import annotations
+
+import os
+import re
+import textwrap
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from graphlib import TopologicalSorter
+from typing import TYPE_CHECKING, Any, Literal
+
+from paraopt.mechanism import Mechanism, Mobile, Series
+from paraopt.mechanism.closures import Closure
+from paraopt.view import style
+from paraopt.view.canvas import in_house_style, new_figure, save_figure
+from paraopt.view.graph_layout import GraphEdge, GraphNode, Layout, LayoutOptions, Rectangle, lay_out
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ACTIVE, OPERATIONAL = "●", "◆"
+"""Signs before the names of active and operational variables: they say without colour what the colours say."""
+
+NODE_SIZE, LABEL_SIZE, TITLE_SIZE = 9.0, 7.5, 11.0
+"""Sizes of letters [pt]."""
+
+LINE_HEIGHT = 1.3
+"""Distance between lines of text, in sizes of its letters [1]."""
+
+PADDING = 0.08
+"""Room between text and the border of its box [in]."""
+
+WRAP = 24
+"""Number of letters beyond which a label goes on in the next line."""
+
+DASHES = (0.0, (2.4, 1.4))
+DRIVEN_FILL = "#FBE9C6"
+
+
+@dataclass(frozen=True)
+class GraphLink:
+    """Hold a link as the graph shows it.
+
+    Attributes:
+        name: Name of the link.
+        kind: "base", "link" (hangs from a father) or "mobile" (free).
+        layer: Layer, 0 at the bottom.
+        notes: Lines under the name: the coordinates of a mobile link.
+    """
+
+    name: str
+    kind: Literal["base", "link", "mobile"]
+    layer: int
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class GraphTie:
+    """Hold what ties two links in the graph: a joint, or all closures between them.
+
+    Attributes:
+        name: Name, unique in the graph.
+        kind: "joint" or "closure".
+        ends: Names of the two links.
+        lines: Text on the line: type, then names of variables.
+        active: Whether an actuator drives one of its variables.
+    """
+
+    name: str
+    kind: Literal["joint", "closure"]
+    ends: tuple[str, str]
+    lines: tuple[str, ...]
+    active: bool = False
+
+
+@dataclass(frozen=True)
+class LinkGraph:
+    """Hold the graph of a mechanism: its links in layers and what ties them.
+
+    The base is in layer 0; legs that come from it stand above it, and a platform above all of its legs. Legs that hang
+    from a platform and close at the ground stand below that platform, for they are read from the ground upwards too.
+
+    Attributes:
+        links: The links.
+        ties: Joints and closures.
+    """
+
+    links: tuple[GraphLink, ...]
+    ties: tuple[GraphTie, ...]
+
+
+def build_link_graph(mechanism: Mechanism) -> LinkGraph:
+    """Read the graph of a mechanism: links, joints and closures, with the layer of every link.
+
+    Args:
+        mechanism: The mechanism.
+
+    Returns:
+        The graph; several closures between the same two links make one tie.
+    """
+    layers = _assign_layers(mechanism)
+    roles = {v.name: v.role for v in mechanism.variables}
+    links = []
+    ties = []
+    for link in mechanism.links:
+        names = [m.name for m in link.motions]
+        if isinstance(link, Series):
+            kind = "fixed" if not names else _words(type(link.joint).__name__)
+            if len(names) == 1:
+                kind += f" {link.motions[0].axis}"
+            driven = any(roles[n] == "active" for n in names)
+            text = (kind, *_list_variables(names, roles))
+            ties.append(GraphTie(f"joint of {link.name}", "joint", (link.father, link.name), text, driven))
+            links.append(GraphLink(link.name, "link", layers[link.name]))
+        elif isinstance(link, Mobile):
+            links.append(GraphLink(link.name, "mobile", layers[link.name], _list_variables(names, roles)))
+        else:
+            links.append(GraphLink(link.name, "base", layers[link.name]))
+    together: dict[tuple[str, str], list[Closure]] = defaultdict(list)
+    for closure in mechanism.closures:
+        key = (closure.link_A, closure.link_B)
+        together[key if key in together or key[::-1] not in together else key[::-1]].append(closure)
+    for ends, closures in together.items():
+        ties.append(GraphTie(f"closure of {ends[0]} and {ends[1]}", "closure", ends, _describe_closures(closures)))
+    return LinkGraph(tuple(links), tuple(ties))
+
+
+@in_house_style
+def lay_out_link_graph(mechanism: Mechanism, options: LayoutOptions | None = None) -> Layout:
+    """Place the boxes and lines of the graph of a mechanism, the boxes as wide as their texts [in].
+
+    Args:
+        mechanism: The mechanism.
+        options: Distances and effort of the layout.
+
+    Returns:
+        Boxes by name of link; labels and lines by name of tie, see `build_link_graph`.
+    """
+    return _lay_out(build_link_graph(mechanism), options)
+
+
+@in_house_style
+def draw_link_graph(
+    mechanism: Mechanism, path: str | os.PathLike[str] | None = None, *, resolution: float = 160.0
+) -> Figure:
+    """Draw the graph of a mechanism: links as boxes, joints as lines with their variables, closures dashed.
+
+    The base is the bar at the bottom, mobile links have a double border; joints that an actuator drives are thick,
+    their label is boxed and the variable marked. The size of the figure grows with the graph.
+
+    Args:
+        mechanism: The mechanism, such as `robot.mechanism`.
+        path: File to write, "*.png" or "*.svg"; none when None.
+        resolution: Pixels per inch of a PNG.
+
+    Returns:
+        The figure.
+
+    Raises:
+        DefinitionError: The suffix of the file is neither ".png" nor ".svg".
+        OSError: The file cannot be written.
+    """
+    graph = build_link_graph(mechanism)
+    layout = _lay_out(graph, None)
+    entries = _list_entries(graph)
+    margin, hatch, heading = 0.18, 0.16, 0.62
+    width = max(layout.width, 4.6)
+    columns = max(1, min(len(entries), int(width / 1.75)))
+    legend = 0.24 * -(-len(entries) // columns)
+    total_width, total_height = width + 2 * margin, layout.height + hatch + heading + legend + 2 * margin
+    figure = new_figure(total_width, total_height)
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    x, y = -0.5 * (total_width - layout.width), -(margin + legend + hatch)
+    axes.set(xlim=(x, x + total_width), ylim=(y, y + total_height))
+    axes.set_axis_off()
+    for tie in graph.ties:
+        _draw_tie(axes, tie, layout)
+    for link in graph.links:
+        _draw_node(axes, link, layout.nodes[link.name], hatch)
+    top = y + total_height - margin
+    axes.text(x + margin, top, f"{mechanism.name}: link graph", fontsize=TITLE_SIZE, fontweight="bold", va="top")
+    joints = sum(tie.kind == "joint" for tie in graph.ties)
+    facts = (
+        f"{_count(len(graph.links), 'link')}, {_count(joints, 'joint')}, {_count(len(mechanism.closures), 'closure')}; "
+        f"{len(mechanism.active)} of {_count(len(mechanism.variables), 'variable')} driven"
+    )
+    axes.text(x + margin, top - 0.22, facts, fontsize=LABEL_SIZE + 0.5, color=style.MUTED, va="top")
+    _draw_legend(axes, entries, columns, x + margin, y + margin, width)
+    if path is not None:
+        save_figure(figure, path, resolution=resolution)
+    return figure
+
+
+# --- Layers
+
+
+def _assign_layers(mechanism: Mechanism) -> dict[str, int]:
+    """Give every link a layer above all that it is reached from, seen from the base.
+
+    Links tied by joints form trees, one from the base and one from each mobile link. Trees are ranked by the least
+    number of closures between them and the base. A closure leads from the lower rank to the higher; inside a tree, a
+    joint leads from father to son, but from son to father where the lower ranks are reached through the son.
+    """
+    father = {k.name: k.father for k in mechanism.links if isinstance(k, Series)}
+
+    def ancestors(link: str) -> Iterable[str]:
+        while True:
+            yield link
+            if link not in father:
+                return
+            link = father[link]
+
+    tree = {link.name: deque(ancestors(link.name), maxlen=1)[0] for link in mechanism.links}
+    ties = [(c.link_A, c.link_B) for c in mechanism.closures]
+    rank = _rank_trees(mechanism.base.name, [(tree[a], tree[b]) for a, b in ties])
+    last = max(rank.values()) + 1
+    upwards: set[str] = set()
+    for a, b in ties:
+        low, high = rank.get(tree[a], last), rank.get(tree[b], last)
+        if low != high:
+            upwards.update(ancestors(b if low < high else a))
+    before: dict[str, set[str]] = {link.name: set() for link in mechanism.links}
+    for son, parent in father.items():
+        if son in upwards and tree[son] != mechanism.base.name:
+            before[parent].add(son)
+        else:
+            before[son].add(parent)
+    for a, b in ties:
+        low, high = rank.get(tree[a], last), rank.get(tree[b], last)
+        if low != high:
+            before[b if low < high else a].add(a if low < high else b)
+    layers: dict[str, int] = {}
+    for link in TopologicalSorter(before).static_order():
+        layers[link] = max((layers[other] + 1 for other in before[link]), default=0)
+    return layers
+
+
+def _rank_trees(base: str, ties: Sequence[tuple[str, str]]) -> dict[str, int]:
+    """Give the least number of closures between the base's tree and every tree that closures lead to."""
+    rank = {base: 0}
+    queue = deque([base])
+    while queue:
+        tree = queue.popleft()
+        for a, b in ties:
+            for here, there in ((a, b), (b, a)):
+                if here == tree and there not in rank:
+                    rank[there] = rank[tree] + 1
+                    queue.append(there)
+    return rank
+
+
+# --- Texts
+
+
+def _words(name: str) -> str:
+    """Write the name of a class as words: "ClosingRevolute" gives "closing revolute"."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"
+
+
+def _list_variables(names: Sequence[str], roles: Mapping[str, str]) -> tuple[str, ...]:
+    """List variables in lines, one or more per role, each line opened by the sign of its role."""
+    lines: list[str] = []
+    for role, sign in (("active", f"{ACTIVE} "), ("operational", f"{OPERATIONAL} "), ("passive", "")):
+        chosen = [name for name in names if roles[name] == role]
+        if chosen:
+            lines += textwrap.wrap(sign + _abbreviate(chosen), WRAP, break_long_words=False)
+    return tuple(lines)
+
+
+def _abbreviate(names: Sequence[str]) -> str:
+    """List names, the common stem only once: "leg 1.x", "leg 1.y" gives "leg 1.x, .y"."""
+    stem = names[0].rpartition(".")[0] + "."
+    if len(names) < 2 or stem == "." or not all(name.startswith(stem) for name in names):
+        return ", ".join(names)
+    return ", ".join([names[0], *("." + name.removeprefix(stem) for name in names[1:])])
+
+
+def _describe_closures(closures: Sequence[Closure]) -> tuple[str, ...]:
+    """Describe the closures between two links: how many of which type, and the name of one that has its own."""
+    lines = []
+    for kind in dict.fromkeys(type(c) for c in closures):
+        members = [c for c in closures if type(c) is kind]
+        lines.append(_words(kind.__name__) if len(members) == 1 else f"{len(members)} × {_words(kind.__name__)}")
+    if len(closures) == 1 and closures[0].name != f"{closures[0].link_A} = {closures[0].link_B}":
+        lines += textwrap.wrap(closures[0].name, WRAP, break_long_words=False)
+    return tuple(lines)
+
+
+# --- Layout
+
+
+def _lay_out(graph: LinkGraph, options: LayoutOptions | None) -> Layout:
+    sizes = {link.name: _box_of(link) for link in graph.links}
+    # boxes of one width make columns that are easy to follow; one long text does not widen them all
+    common = min(max(width for width, _ in sizes.values()), 1.3)
+    nodes = [
+        GraphNode(link.name, link.layer, max(sizes[link.name][0], common), sizes[link.name][1]) for link in graph.links
+    ]
+    edges = []
+    for tie in graph.ties:
+        width = max(_measure(line, LABEL_SIZE, bold=tie.active) for line in tie.lines)
+        height = len(tie.lines) * LABEL_SIZE * LINE_HEIGHT / 72.0
+        edges.append(GraphEdge(tie.name, tie.ends, width + PADDING, height + 0.5 * PADDING))
+    return lay_out(nodes, edges, options)
+
+
+def _box_of(link: GraphLink) -> tuple[float, float]:
+    width = max([_measure(link.name, NODE_SIZE, bold=True), *(_measure(n, LABEL_SIZE, bold=True) for n in link.notes)])
+    height = LINE_HEIGHT * (NODE_SIZE + len(link.notes) * LABEL_SIZE) / 72.0
+    return width + 2.4 * PADDING, height + PADDING
+
+
+def _measure(text: str, size: float, bold: bool = False) -> float:
+    """Measure the width of a line of text [in]."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    font = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
+    return float(TextPath((0.0, 0.0), text or " ", size=size, prop=font).get_extents().x1) / 72.0
+
+
+# --- Drawing
+
+
+def _draw_node(axes: Axes, link: GraphLink, box: Rectangle, hatch: float) -> None:
+    """Draw a link: dark with a hatched ground below for the base, a double border for a mobile link."""
+    from matplotlib.patches import FancyBboxPatch
+    from matplotlib.patches import Rectangle as Patch
+
+    left, bottom = box.x - 0.5 * box.width, box.y - 0.5 * box.height
+    colors = {"base": (style.KIND_COLORS["base"], style.INK, "white"), "mobile": ("#DCEBF5", style.BLUE, style.INK)}
+    face, edge, ink = colors.get(link.kind, (style.SURFACE, "#7B8794", style.INK))
+    if link.kind == "base":
+        ground = Patch(
+            (left, bottom - hatch), box.width, hatch, facecolor="none", edgecolor="#7B8794", hatch="////", linewidth=0
+        )
+        axes.add_patch(ground)
+        axes.add_patch(Patch((left, bottom), box.width, box.height, facecolor=face, edgecolor=edge, linewidth=1.0))
+    else:
+        round_box = f"round,pad=0,rounding_size={min(0.07, 0.3 * box.height)}"
+        corner, width, height = (left, bottom), box.width, box.height
+        axes.add_patch(
+            FancyBboxPatch(
+                corner, width, height, boxstyle=round_box, mutation_aspect=1.0, facecolor=face, edgecolor=edge,
+                linewidth=1.3 if link.kind == "mobile" else 1.0, zorder=3,
+            )
+        )  # fmt: skip
+        if link.kind == "mobile":
+            inset = 0.03
+            axes.add_patch(
+                FancyBboxPatch(
+                    (left + inset, bottom + inset), width - 2 * inset, height - 2 * inset, boxstyle=round_box,
+                    facecolor="none", edgecolor=edge, linewidth=0.7, zorder=3,
+                )
+            )  # fmt: skip
+    lines: list[tuple[str, dict[str, Any]]] = [
+        (link.name, {"fontsize": NODE_SIZE, "fontweight": "normal" if link.kind == "link" else "bold"})
+    ]
+    for note in link.notes:
+        bold = note.startswith(OPERATIONAL) or note.startswith(ACTIVE)
+        lines.append((note, {"fontsize": LABEL_SIZE, "fontweight": "bold" if bold else "normal"}))
+    _write(axes, lines, box, ink)
+
+
+def _write(axes: Axes, lines: Sequence[tuple[str, dict[str, Any]]], box: Rectangle, ink: str) -> None:
+    """Write lines of text one below the other, centred in a box."""
+    heights = [LINE_HEIGHT * look["fontsize"] / 72.0 for _, look in lines]
+    y = box.y + 0.5 * sum(heights)
+    for (text, look), height in zip(lines, heights, strict=True):
+        axes.text(
+            box.x, y - 0.5 * height, text, color=ink, ha="center", va="center_baseline", zorder=5, **look
+        )  # fmt: skip
+        y -= height
+
+
+def _draw_tie(axes: Axes, tie: GraphTie, layout: Layout) -> None:
+    """Draw a joint or a closure as a line, interrupted by its text."""
+    from matplotlib.patches import Rectangle as Patch
+
+    look: dict[str, Any] = _look_of(tie.kind, tie.active)
+    axes.plot(*layout.lines[tie.name].T, zorder=1 + tie.active, solid_joinstyle="round", **look)
+    box = layout.labels[tie.name]
+    axes.add_patch(
+        Patch(
+            (box.x - 0.5 * box.width, box.y - 0.5 * box.height), box.width, box.height,
+            facecolor=DRIVEN_FILL if tie.active else style.PAPER, edgecolor=style.INK if tie.active else "none",
+            linewidth=0.9, zorder=2.5,
+        )
+    )  # fmt: skip
+    lines: list[tuple[str, dict[str, Any]]] = []
+    for index, text in enumerate(tie.lines):
+        bold = text.startswith(ACTIVE) or text.startswith(OPERATIONAL)
+        lines.append(
+            (
+                text,
+                {
+                    "fontsize": LABEL_SIZE,
+                    "fontstyle": "italic" if tie.kind == "closure" and index == 0 else "normal",
+                    "fontweight": "bold" if bold else "normal",
+                },
+            )
+        )
+    _write(axes, lines, box, style.MUTED if tie.kind == "closure" else style.INK)
+
+
+def _look_of(kind: str, active: bool) -> dict[str, Any]:
+    if kind == "closure":
+        return {"color": "#8A3F73", "linewidth": 1.5, "linestyle": DASHES, "dash_capstyle": "butt"}
+    if active:
+        return {"color": style.VERMILLION, "linewidth": 4.0, "solid_capstyle": "butt"}
+    return {"color": style.INK, "linewidth": 1.3, "solid_capstyle": "butt"}
+
+
+def _list_entries(graph: LinkGraph) -> list[tuple[str, str]]:
+    """List what the legend explains: only what the graph holds."""
+    kinds = {link.kind for link in graph.links}
+    notes = [note for link in graph.links for note in link.notes] + [t for tie in graph.ties for t in tie.lines]
+    entries = [("base", "base, on the ground"), ("link", "link"), ("mobile", "mobile (free) link")]
+    found: list[tuple[str, str]] = [(key, text) for key, text in entries if key in kinds]
+    if any(tie.kind == "joint" and not tie.active for tie in graph.ties):
+        found.append(("joint", "passive joint"))
+    if any(tie.active for tie in graph.ties):
+        found.append(("active", "active joint"))
+    if any(tie.kind == "closure" for tie in graph.ties):
+        found.append(("closure", "closure"))
+    if any(note.startswith(ACTIVE) for note in notes):
+        found.append(("sign", f"{ACTIVE}  active variable"))
+    if any(note.startswith(OPERATIONAL) for note in notes):
+        found.append(("sign", f"{OPERATIONAL}  operational variable"))
+    return found
+
+
+def _draw_legend(
+    axes: Axes, entries: Sequence[tuple[str, str]], columns: int, left: float, bottom: float, width: float
+) -> None:
+    """Write what boxes, lines and signs mean below the graph, in columns."""
+    rows = -(-len(entries) // columns)
+    for index, (kind, text) in enumerate(entries):
+        x = left + (index % columns) * width / columns
+        y = bottom + (rows - 1 - index // columns) * 0.24 + 0.06
+        if kind in ("base", "link", "mobile"):
+            symbol = GraphLink("", kind, 0)  # type: ignore[arg-type]
+            _draw_node(axes, symbol, Rectangle(x + 0.16, y, 0.32, 0.14), 0.05)
+        elif kind != "sign":
+            axes.plot([x, x + 0.32], [y, y], **_look_of("closure" if kind == "closure" else "joint", kind == "active"))
+        offset = 0.0 if kind == "sign" else 0.4
+        axes.text(x + offset, y, text, fontsize=LABEL_SIZE + 0.5, color=style.MUTED, va="center_baseline")
