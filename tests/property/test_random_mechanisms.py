@@ -186,8 +186,8 @@ def renamed(closed: Closed, links: Mapping[str, str], variables: Mapping[str, st
         "other",
         [link(k) for k in m.links],
         [
-            po.Coincidence(links[c.link_A], c.point_A, links[c.link_B], c.point_B)
-            for c in m.closures
+            po.Coincidence(links[c.link_A], c.point_A, links[c.link_B], c.point_B, f"closure {i}")
+            for i, c in enumerate(m.closures)
             if isinstance(c, po.Coincidence)
         ],
         [variables[n] for n in m.active],

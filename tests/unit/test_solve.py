@@ -426,7 +426,6 @@ def test_stretched_leg_of_the_five_bar_is_singular(five_bar: po.Kinematics) -> N
     assert (solution.status, solution.rank.value, solution.undetermined) == (Status.SINGULAR, 3, 1)
 
 
-@pytest.mark.xfail(strict=True, reason="bug: a column that is empty here only counts as an idle freedom")
 def test_leg_of_no_length_is_singular(legs: po.Kinematics) -> None:
     """The tip on the first hinge: the leg has no length and may point anywhere."""
     solution = legs.inverse({"x": 0.0, "y": 0.0}, two_rpr_values(0.0, 0.0))
@@ -470,7 +469,6 @@ def test_inverse_and_forward_want_all_of_their_variables(raf: po.Kinematics) -> 
         raf.forward({"q1": 0.1})
 
 
-@pytest.mark.xfail(strict=True, reason="bug: Python's own error comes out")
 def test_a_word_for_a_value_is_refused(raf: po.Kinematics, home: po.Configuration) -> None:
     with pytest.raises(po.DefinitionError, match="'y'"):
         raf.inverse({**HOME, "y": "here"}, home)  # type: ignore[dict-item]

@@ -19,8 +19,6 @@ from paraopt.kinematics.solve import ClosureSolution, SolveOptions, Status, solv
 from paraopt.mechanism import Mechanism
 
 Array = NDArray[np.float64]
-# share of a unit motion below which a column of the scaled Jacobian counts as empty
-_IDLE = 1e-12
 _DAMPING = np.array([1e-12])
 
 
@@ -208,12 +206,9 @@ class Kinematics:
         Source: Lahouar, II.3; Tripod.
         """
         options = options or self.options
-        for name, value in impose.items():
-            self.mechanism.index(name)
-            if not np.isfinite(value):
-                raise DefinitionError(f"imposed value of {name!r} is {value}; it must be finite")
+        impose = {name: self._read_value(name, value) for name, value in impose.items()}
         index = self.mechanism.indices(impose)
-        values = np.array([float(v) for v in impose.values()])
+        values = np.array(list(impose.values()))
         free = np.ones(len(self.mechanism.names))
         free[index] = 0.0
         starts = self._starts(start)
@@ -304,6 +299,16 @@ class Kinematics:
 
     # -- inside ----------------------------------------------------------------------------------------------------
 
+    def _read_value(self, name: str, value: float) -> float:
+        self.mechanism.index(name)
+        try:
+            number = float(value)
+        except (TypeError, ValueError) as error:
+            raise DefinitionError(f"imposed value of {name!r} is {value!r}; it must be a number") from error
+        if not np.isfinite(number):
+            raise DefinitionError(f"imposed value of {name!r} is {value}; it must be finite")
+        return number
+
     def _free(self, imposed: Sequence[str]) -> Array:
         free = np.ones(len(self.mechanism.names))
         free[self.mechanism.indices(imposed)] = 0.0
@@ -374,7 +379,7 @@ class Kinematics:
         self, X: Array, residual: float, impose: Mapping[str, float], free: Array, iterations: int, status: Status
     ) -> Solution:
         (E,) = self.functions.scaled_jacobian(X)
-        used = np.max(np.abs(E), axis=0, initial=0.0) > _IDLE
+        used = self._structurally_used  # a column that is empty at this place only is a motion that nothing holds
         solved = used & (free > 0)
         rank, rank_all = compute_rank(E[:, solved]), compute_rank(E)
         undetermined = int(np.count_nonzero(solved)) - rank.value

@@ -31,6 +31,11 @@ class Rank:
         """Give the smallest value that counts over the largest that does not; inf when none is left."""
         return self.smallest_kept / self.largest_dropped if self.largest_dropped > 0 else np.inf
 
+    @property
+    def is_doubtful(self) -> bool:
+        """Tell whether the rank hangs on the tolerance: values on both sides of the cut within a factor of 1000."""
+        return self.value > 0 and self.gap < 1e3
+
 
 def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE) -> Rank:
     """Count the singular values above a fraction of the largest one.
@@ -66,3 +71,19 @@ def independent_rows(matrix: Array, tolerance: float = RANK_TOLERANCE) -> NDArra
     pivots = np.abs(np.diag(R))
     count = int(np.count_nonzero(pivots > tolerance * max(pivots[0], 1e-300)))
     return np.sort(order[:count])
+
+
+def null_space(matrix: Array, tolerance: float = RANK_TOLERANCE) -> Array:
+    """Give an orthonormal basis of the motions that a matrix maps to zero.
+
+    Args:
+        matrix: Scaled matrix [1], shape (n_rows, n_columns).
+        tolerance: See `compute_rank`.
+
+    Returns:
+        The basis, shape (n_columns, n_columns - rank).
+    """
+    if matrix.shape[0] == 0 or matrix.shape[1] == 0:
+        return np.eye(matrix.shape[1])
+    _, values, Vt = np.linalg.svd(matrix, full_matrices=True)
+    return Vt[int(np.count_nonzero(values > tolerance * max(values[0], 1e-300))) :].T

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from paraopt.kinematics.functions import FunctionSet
-from paraopt.kinematics.ranks import RANK_TOLERANCE
+from paraopt.kinematics.ranks import null_space
 
 Array = NDArray[np.float64]
 
@@ -164,7 +164,7 @@ def solve_nearest(
     push = np.zeros_like(z)  # multipliers of the ranges
     for iteration in range(1, options.nearest_iterations + 1):
         (E,) = functions.scaled_jacobian(z * scale)
-        Z = _null_space(E)
+        Z = null_space(E)
         if Z.shape[1] == 0:  # nothing can move
             return z * scale, iteration, True
         gradient = weight**2 * (z - wanted)
@@ -187,12 +187,6 @@ def solve_nearest(
         if settled == 2:  # once more, with the multipliers of the ranges known
             return z * scale, iteration, True
     return z * scale, options.nearest_iterations, False
-
-
-def _null_space(E: Array) -> Array:
-    """Give an orthonormal basis of the motions that E allows; shape (n_variables, mobility)."""
-    _, values, Vt = np.linalg.svd(E, full_matrices=True)
-    return Vt[int(np.count_nonzero(values > RANK_TOLERANCE * max(values[0], 1e-300))) :].T
 
 
 def _solve_step(R: Array, q: Array, G: Array, low: Array, high: Array, radius: float) -> tuple[Array, Array]:

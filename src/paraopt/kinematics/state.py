@@ -1,19 +1,46 @@
-"""The state of a mechanism at a configuration: mobility, ranks, signed determinants, distance to singularities."""
+"""The state of a mechanism at a configuration: mobility, ranks, conditions, redundancy, distance to singularities."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from paraopt.kinematics.configuration import Configuration
+from paraopt.kinematics.margins import Determinants, smallest_and_volume
 from paraopt.kinematics.model import Kinematics
 from paraopt.kinematics.ranks import Rank, compute_rank, independent_rows
+from paraopt.kinematics.samples import SampleOptions, find_general_state, split_columns, useful_motions
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Hold one condition on the matrices, with the numbers that decide it.
+
+    Attributes:
+        name: Number of the equation in the source, such as "II.23".
+        statement: What is compared, such as "rg(K) = r".
+        left: Value of the left side.
+        right: Value of the right side.
+        holds: Whether the statement is true.
+        verdict: What this means for the machine.
+
+    Source: Lahouar, II.22; Lahouar, II.27.
+    """
+
+    name: str
+    statement: str
+    left: int
+    right: int
+    holds: bool
+    verdict: str
+
+    def __str__(self) -> str:
+        return f"{self.name:5} {self.statement:24} {self.left:3d}, {self.right:3d}  {self.verdict}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +49,17 @@ class StateReport:
 
     Attributes:
         mechanism_name: Name of the mechanism.
-        n_variables: Number of variables N.
+        variables: Names of the variables by role: "active", "passive", "operational".
         n_equations: Number of closure equations.
         ranks: Ranks of the scaled matrices "E", "M", "N", "K", "[N K]" and "[M N]".
+        general_ranks: The same at configurations around this one, the largest found: a smaller rank here is singular.
         mobility: Degrees of freedom `m = N - rg(E)`.
-        idle: Names of the variables with an empty column: internal mobilities.
-        redundant_rows: Number of equations beyond the rank of E.
+        internal_mobility: Motions of passive variables alone, as spins of legs, in general.
+        idle: Names of the passive variables that take part in them.
+        redundant_rows: Number of equations beyond the rank of E: the machine is over-constrained where it is not zero.
         independent_rows: Indices of a subset of equations that spans all of them.
-        parallel_margin: Distance to a parallel singularity in [0, 1]; see `compute_margins`.
+        conditions: The conditions II.22 to II.27 of the source.
+        parallel_margin: Distance to a parallel singularity in [0, 1]; see `MotionSpace`.
         serial_margin: Distance to a serial singularity in [0, 1].
         parallel_determinant: Signed, normalised determinant of [N K]; nan when it is not square.
         serial_determinant: Signed, normalised determinant of [M N]; nan when it is not square.
@@ -38,273 +68,155 @@ class StateReport:
     """
 
     mechanism_name: str
-    n_variables: int
+    variables: Mapping[str, tuple[str, ...]]
     n_equations: int
-    ranks: dict[str, Rank]
+    ranks: Mapping[str, Rank]
+    general_ranks: Mapping[str, int]
     mobility: int
+    internal_mobility: int
     idle: tuple[str, ...]
     redundant_rows: int
     independent_rows: NDArray[np.intp]
+    conditions: tuple[Condition, ...]
     parallel_margin: float
     serial_margin: float
     parallel_determinant: float
     serial_determinant: float
 
     @property
+    def n_variables(self) -> int:
+        """Give the number of variables N."""
+        return sum(len(names) for names in self.variables.values())
+
+    @property
     def useful_mobility(self) -> int:
-        """Give the degrees of freedom that are not idle."""
-        return self.mobility - len(self.idle)
+        """Give the degrees of freedom that are not internal."""
+        return self.mobility - self.internal_mobility
+
+    @property
+    def is_over_constrained(self) -> bool:
+        """Tell whether some equations repeat others; the machine moves only because its dimensions fit."""
+        return self.redundant_rows > 0
+
+    @property
+    def is_redundant(self) -> bool:
+        """Tell whether drives can move while everything else rests (II.24)."""
+        return self.condition("II.24").holds
+
+    @property
+    def is_redundantly_actuated(self) -> bool:
+        """Tell whether there are more drives than freedoms, so that drives can work against each other."""
+        return len(self.variables["active"]) > self.useful_mobility
+
+    @property
+    def is_under_actuated(self) -> bool:
+        """Tell whether the drives are fewer than the freedoms, or than the operational variables need (II.25)."""
+        return self.condition("II.25").holds or len(self.variables["active"]) < self.useful_mobility
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Tell whether some rank hangs on the tolerance: a near-singular place, or a badly scaled description."""
+        return any(rank.is_doubtful for rank in self.ranks.values())
+
+    @property
+    def kind(self) -> str:
+        """Say in words how the drives relate to the freedoms."""
+        words = {
+            "under-actuated": self.is_under_actuated,
+            "redundant": self.is_redundant,
+            "redundantly actuated": self.is_redundantly_actuated,
+            f"over-constrained by {self.redundant_rows}": self.is_over_constrained,
+        }
+        return ", ".join(word for word, applies in words.items() if applies) or "as many drives as freedoms"
+
+    def condition(self, name: str) -> Condition:
+        """Find a condition by the number of its equation, such as "II.23"."""
+        return next(c for c in self.conditions if c.name == name)
 
     def __str__(self) -> str:
         ranks = ", ".join(f"rg {name} = {rank.value}" for name, rank in self.ranks.items())
-        return (
-            f"{self.mechanism_name}: {self.n_variables} variables, {self.n_equations} equations, {ranks}\n"
-            f"mobility {self.mobility} = {self.useful_mobility} useful + {len(self.idle)} idle {list(self.idle)}, "
-            f"{self.redundant_rows} redundant equations, rank gap {self.ranks['E'].gap:.1e}\n"
-            f"parallel margin {self.parallel_margin:.4f}, serial margin {self.serial_margin:.4f}"
-        )
+        doubtful = [f"{n} (gap {r.gap:.0f})" for n, r in self.ranks.items() if r.is_doubtful]
+        lost = [f"{n} has {r.value} of {self.general_ranks[n]}" for n, r in self.ranks.items()
+                if r.value < self.general_ranks[n]]  # fmt: skip
+        lines = [
+            f"{self.mechanism_name}: {self.n_variables} variables, {self.n_equations} equations, {ranks}",
+            f"mobility {self.mobility} = {self.useful_mobility} useful + {self.internal_mobility} idle "
+            f"{list(self.idle)}, {self.redundant_rows} redundant equations, rank gap {self.ranks['E'].gap:.1e}",
+            f"drives: {self.kind}",
+            f"parallel margin {self.parallel_margin:.4f}, serial margin {self.serial_margin:.4f}",
+        ]
+        if lost:
+            lines.append(f"singular: {', '.join(lost)} in general")
+        if doubtful:
+            lines.append(f"doubtful ranks: {', '.join(doubtful)}")
+        return "\n".join([*lines, *(f"  {c}" for c in self.conditions)])
 
 
-@dataclass(frozen=True, eq=False)
-class Determinants:
-    """Evaluate signed determinants of [N K] and [M N] on a fixed choice of rows and columns.
-
-    Rows are independent equations and columns leave out idle variables, both chosen at a regular configuration. The
-    values are divided by the volume of the chosen rows, `sqrt(det(E E^T))`, which makes them free of the choice of
-    equations: they lie in [-1, 1], and zero means singular.
-
-    Attributes:
-        kinematics: The mechanism's functions.
-        rows: Chosen equations.
-        columns: Columns that are not idle.
-        parallel_columns: Chosen columns of [N K].
-        serial_columns: Chosen columns of [M N].
-    """
-
-    kinematics: Kinematics
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    parallel_columns: NDArray[np.intp]
-    serial_columns: NDArray[np.intp]
-
-    @classmethod
-    def at(cls, kinematics: Kinematics, configuration: Configuration) -> Determinants:
-        """Choose rows and columns at a regular configuration."""
-        (E,) = kinematics.functions.scaled_jacobian(configuration.X)
-        a, o = len(kinematics.mechanism.active), len(kinematics.mechanism.operational)
-        used = np.flatnonzero(np.max(np.abs(E), axis=0, initial=0.0) > 1e-12)
-        return cls(kinematics, independent_rows(E), used, used[used >= a], used[used < E.shape[1] - o])
-
-    @property
-    def has_parallel(self) -> bool:
-        """Tell whether the chosen [N K] is square."""
-        return len(self.parallel_columns) == len(self.rows)
-
-    @property
-    def has_serial(self) -> bool:
-        """Tell whether the chosen [M N] is square."""
-        return len(self.serial_columns) == len(self.rows)
-
-    def __call__(self, X: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate at n points.
-
-        Args:
-            X: Values, shape (n, n_variables).
-
-        Returns:
-            Normalised determinants of [N K] and of [M N] [1], shape (n,) each; nan where not square.
-        """
-        chosen = self._chosen_rows(X)
-        whole = chosen[:, :, self.columns]
-        volume = 0.5 * np.linalg.slogdet(whole @ whole.transpose(0, 2, 1))[1]
-        (sign_p, log_p), (sign_s, log_s) = self._factors(chosen)
-        return sign_p * np.exp(log_p - volume), sign_s * np.exp(log_s - volume)
-
-    def signs(self, X: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate the signs of both determinants at n points, shape (n,) each; nan where not square."""
-        (parallel, _), (serial, _) = self._factors(self._chosen_rows(X))
-        return parallel, serial
-
-    def _chosen_rows(self, X: ArrayLike) -> Array:
-        (E,) = self.kinematics.functions.scaled_jacobian.batch(np.atleast_2d(np.asarray(X, dtype=float)))
-        return E[:, self.rows, :]
-
-    def _factors(self, chosen: Array) -> list[tuple[Array, Array]]:
-        """Give sign and logarithm of both determinants from their LU factors."""
-        nan = np.full(len(chosen), np.nan)
-        result: list[tuple[Array, Array]] = []
-        for columns, square in ((self.parallel_columns, self.has_parallel), (self.serial_columns, self.has_serial)):
-            if square:
-                sign, logarithm = np.linalg.slogdet(chosen[:, :, columns])
-                result.append((np.asarray(sign, dtype=float), np.asarray(logarithm, dtype=float)))
-            else:
-                result.append((nan, nan))
-        return result
-
-
-@dataclass(frozen=True, eq=False)
-class Margins:
-    """Hold distances to singularities along n configurations.
-
-    Attributes:
-        parallel: Smallest singular value of the active rows of an orthonormal basis of the motions [1], shape (n,).
-        serial: Same for the operational rows, shape (n,).
-        log_parallel: Logarithm of the volume of the active rows, shape (n,).
-        log_serial: Logarithm of the volume of the operational rows, shape (n,).
-    """
-
-    parallel: Array
-    serial: Array
-    log_parallel: Array
-    log_serial: Array
-
-
-class MotionSpace:
-    """Judge singularities from the motions that the closures allow.
-
-    Let the columns of V be an orthonormal basis of the scaled motions, `E V = 0` (idle ones left out). The smallest
-    singular value of its active rows V_a is zero exactly where [N K] loses rank: some motion needs no actuator. It
-    lies in [0, 1], does not depend on how the equations are written, and says that actuator motions are amplified into
-    motions of the whole at most 1 / margin times. The operational rows V_x tell serial singularities alike. With as
-    many actuators as motions, |det V_a| is the normalised determinant of [N K].
-
-    Args:
-        kinematics: The mechanism's functions.
-        independent: Coordinates that parametrise the motions; the operational ones when None.
-    """
-
-    def __init__(self, kinematics: Kinematics, independent: Sequence[str] | None = None) -> None:
-        self.kinematics = kinematics
-        mechanism = kinematics.mechanism
-        self.independent = tuple(independent) if independent is not None else tuple(mechanism.operational)
-        self._active = mechanism.indices(mechanism.active)
-        self._operational = mechanism.indices(mechanism.operational)
-
-    @cached_property
-    def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        k, j = np.triu_indices(len(self.independent))
-        return k, j
-
-    def tangent(self, X: ArrayLike) -> Array:
-        """Give `T = dX / d independent` [unscaled], shape (n, n_variables, m)."""
-        return self.kinematics.tangent(X, self.independent)
-
-    def margins(self, X: ArrayLike, T: Array | None = None) -> Margins:
-        """Compute the margins at n closed configurations.
-
-        Args:
-            X: Closed configurations, shape (n, n_variables).
-            T: Their tangents, when already known.
-
-        Returns:
-            Margins and log-volumes.
-        """
-        T = self.tangent(X) if T is None else T
-        V = np.linalg.qr(T / self.kinematics.graph.variable_scale[:, None])[0]
-        parallel, log_parallel = _smallest_and_volume(V[:, self._active])
-        serial, log_serial = _smallest_and_volume(V[:, self._operational])
-        return Margins(parallel, serial, log_parallel, log_serial)
-
-    def margin_gradients(self, X: ArrayLike, T: Array) -> tuple[Margins, Array, Array, Array, Array]:
-        """Compute the margins and their exact gradients with respect to the independent coordinates.
-
-        Args:
-            X: Closed configurations, shape (n, n_variables).
-            T: Their tangents, shape (n, n_variables, m).
-
-        Returns:
-            The margins, and the gradients of parallel, serial, log_parallel and log_serial, shape (n, m) each.
-        """
-        n, _, m = T.shape
-        scale = self.kinematics.graph.variable_scale[:, None]
-        k, j = self._pairs
-        H = self.kinematics.curvature(X, T[:, :, k], T[:, :, j], self.independent) / scale
-        S = T / scale
-        dS = np.empty((n, S.shape[1], m, m))  # [sample, variable, column j, along coordinate k]
-        dS[:, :, k, j] = H
-        dS[:, :, j, k] = H
-        flat = dS.reshape(n, -1, m)
-        gram = S.transpose(0, 2, 1) @ S
-        # d log sqrt(det(S^T S)) = tr((S^T S)^-1 S^T dS)
-        d_log_all = ((S @ np.linalg.inv(gram)).reshape(n, 1, -1) @ flat)[:, 0]
-        log_all = np.linalg.slogdet(gram)[1]
-        results: list[Array] = []
-        values: list[Array] = []
-        for rows in (self._active, self._operational):
-            A, dA = S[:, rows], dS[:, rows].reshape(n, -1, m)
-            gram_rows = A.transpose(0, 2, 1) @ A
-            sigma2, w = _smallest_generalised(gram_rows, gram)
-            Aw, Sw = (B @ w[:, :, None] * w[:, None, :] for B in (A, S))  # (B w) w^T
-            d_sigma2 = 2.0 * (Aw.reshape(n, 1, -1) @ dA)[:, 0]
-            d_sigma2 -= 2.0 * sigma2[:, None] * (Sw.reshape(n, 1, -1) @ flat)[:, 0]
-            sigma = np.sqrt(np.maximum(sigma2, 1e-300))
-            ridge = 1e-15 * np.trace(gram_rows, axis1=1, axis2=2)[:, None, None] * np.eye(m)
-            d_log_rows = ((A @ np.linalg.inv(gram_rows + ridge)).reshape(n, 1, -1) @ dA)[:, 0]
-            values += [sigma, 0.5 * (np.linalg.slogdet(gram_rows)[1] - log_all)]
-            results += [d_sigma2 / (2.0 * sigma[:, None]), d_log_rows - d_log_all]
-        margins = Margins(values[0], values[2], values[1], values[3])
-        return margins, results[0], results[2], results[1], results[3]
-
-
-def report_state(kinematics: Kinematics, configuration: Configuration) -> StateReport:
+def report_state(
+    kinematics: Kinematics, configuration: Configuration, samples: SampleOptions | None = None
+) -> StateReport:
     """Analyse the closure equations at a configuration.
 
     Args:
         kinematics: The mechanism's functions.
         configuration: Where to analyse.
+        samples: Configurations around it that stand for the general case.
 
     Returns:
-        Mobility, ranks on the scaled matrices, and distances to singularities.
+        Variables, mobility, ranks on the scaled matrices, conditions, and distances to singularities.
 
-    Source: Lahouar, II.22; Lahouar, II.23; GosselinAngeles1990.
+    Source: Lahouar, II.21; Lahouar, II.22; Lahouar, II.23; GosselinAngeles1990.
     """
     mechanism = kinematics.mechanism
+    general = find_general_state(kinematics, configuration, samples)
     (E,) = kinematics.functions.scaled_jacobian(configuration.X)
-    a, o = len(mechanism.active), len(mechanism.operational)
-    split = E.shape[1] - o
-    ranks = {
-        "E": compute_rank(E),
-        "M": compute_rank(E[:, :a]),
-        "N": compute_rank(E[:, a:split]),
-        "K": compute_rank(E[:, split:]),
-        "[N K]": compute_rank(E[:, a:]),
-        "[M N]": compute_rank(E[:, :split]),
-    }
-    used = np.max(np.abs(E), axis=0, initial=0.0) > 1e-12
-    idle = tuple(name for name, u in zip(mechanism.names, used, strict=True) if not u)
-    motions = _motion_basis(E, used, ranks["E"].value)
-    roles = (mechanism.active, mechanism.operational)
-    margins = [_smallest_and_volume(motions[None, mechanism.indices(names)])[0][0] for names in roles]
+    ranks = {name: compute_rank(stack[0]) for name, stack in split_columns(kinematics, E[None]).items()}
+    motions = useful_motions(kinematics, E, general.internal)
+    roles = {"active": mechanism.active, "passive": mechanism.passive, "operational": mechanism.operational}
+    margins = [
+        float(smallest_and_volume(motions[None, mechanism.indices(roles[role])])[0][0])
+        for role in ("active", "operational")
+    ]
     parallel, serial = Determinants.at(kinematics, configuration)(configuration.X)
+    mobility = E.shape[1] - ranks["E"].value
     return StateReport(
-        mechanism.name, E.shape[1], E.shape[0], ranks, E.shape[1] - ranks["E"].value, idle,
-        E.shape[0] - ranks["E"].value, independent_rows(E), float(margins[0]), float(margins[1]),
-        float(parallel[0]), float(serial[0]),
+        mechanism_name=mechanism.name,
+        variables={role: tuple(names) for role, names in roles.items()},
+        n_equations=E.shape[0],
+        ranks=ranks,
+        general_ranks=general.ranks,
+        mobility=mobility,
+        internal_mobility=general.internal,
+        idle=general.idle,
+        redundant_rows=E.shape[0] - ranks["E"].value,
+        independent_rows=independent_rows(E),
+        conditions=_judge_conditions(ranks, mobility, len(mechanism.active), len(mechanism.operational)),
+        parallel_margin=margins[0],
+        serial_margin=margins[1],
+        parallel_determinant=float(parallel[0]),
+        serial_determinant=float(serial[0]),
+    )
+
+
+def _judge_conditions(ranks: Mapping[str, Rank], m: int, a: int, r: int) -> tuple[Condition, ...]:
+    """Judge II.22 to II.27: m the mobility, a the number of drives, r that of the operational variables."""
+    M, N, K = (ranks[name].value for name in ("M", "N", "K"))
+    NK, MN = ranks["[N K]"].value, ranks["[M N]"].value
+
+    def judge(name: str, statement: str, left: int, right: int, holds: bool, yes: str, no: str) -> Condition:
+        return Condition(name, statement, left, right, holds, yes if holds else no)
+
+    return (
+        judge("II.22", "m >= a", m, a, m >= a, "the drives can be commanded freely",
+              "more drives than freedoms: they must move in agreement"),
+        judge("II.23", "rg(K) = r", K, r, r == K, "the operational variables rest when all else rests",
+              "some operational variable enters no equation, or a singularity: choose fewer"),
+        judge("II.24", "rg(M) < a", M, a, a > M, "redundant: drives can move while all else rests",
+              "no drive moves alone"),
+        judge("II.25", "rg(M) < r", M, r, r > M, "under-actuated: more operational variables than the drives can move",
+              "the drives can move as many variables as are operational"),
+        judge("II.26", "rg[N K] = rg(N) + r", NK, N + r, N + r == NK, "the platform is held when the drives are",
+              "dangerous: the platform can move with blocked drives"),
+        judge("II.27", "rg[M N] = rg(M) + rg(N)", MN, M + N, MN == M + N, "the drives are held when the platform is",
+              "drives can move with a blocked platform: serial singularity, or redundancy"),
     )  # fmt: skip
-
-
-def _motion_basis(E: Array, used: NDArray[np.bool_], rank: int) -> Array:
-    """Give an orthonormal basis of all motions that are not idle; shape (n_variables, useful mobility)."""
-    Vt = np.linalg.svd(E[:, used], full_matrices=True)[2]
-    basis = np.zeros((E.shape[1], int(np.count_nonzero(used)) - rank))
-    basis[used] = Vt[rank:].T
-    return basis
-
-
-def _smallest_and_volume(rows: Array) -> tuple[Array, Array]:
-    if rows.shape[2] == 0:  # nothing moves: nothing can be lost
-        return np.ones(len(rows)), np.zeros(len(rows))
-    if rows.shape[1] < rows.shape[2]:  # fewer imposed variables than motions: some motion is always free
-        return np.zeros(len(rows)), np.full(len(rows), -np.inf)
-    values = np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=float)
-    return values[:, -1], np.sum(np.log(np.maximum(values, 1e-300)), axis=1)
-
-
-def _smallest_generalised(A: Array, B: Array) -> tuple[Array, Array]:
-    """Give the smallest eigenvalue of `A w = lambda B w` with `w^T B w = 1`, for stacks of symmetric matrices."""
-    L = np.linalg.cholesky(B)
-    inverse = np.linalg.inv(L)
-    values, vectors = np.linalg.eigh(inverse @ A @ inverse.transpose(0, 2, 1))
-    w: Array = np.einsum("nba,nb->na", inverse, vectors[:, :, 0])
-    smallest: Array = values[:, 0]
-    return smallest, w
