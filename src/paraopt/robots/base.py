@@ -133,8 +133,8 @@ def telescope(
         )
     return Parts(
         shapes={
-            f"leg {key}": [Capsule.between((0, 0, 2 * radius), (0, 0, body), radius)],
-            f"rod {key}": [Capsule.between((0, 0, -reach), (0, 0, -radius), 0.5 * radius)],
+            f"leg {key}": [Capsule.between((0, 0, 0), (0, 0, body), radius)],
+            f"rod {key}": [Capsule.between((0, 0, -reach), (0, 0, 0), 0.5 * radius)],
         },
         masses={f"leg {key}": body_mass, f"rod {key}": rod_mass},
     )
@@ -213,7 +213,7 @@ def six_legs(
     check_count("platform points", platform_points, 6)
     built = Parts()
     for i, (at, point) in enumerate(zip(base_points, platform_points, strict=True), start=1):
-        way = np.asarray(point) + (0, 0, rise) - np.asarray(at)
+        way = np.asarray(point) + np.array((0, 0, rise)) - np.asarray(at)
         length = float(np.linalg.norm(way))
         lengths = ((1 - stroke) * length, (1 + stroke) * length)
         built += upright_leg(f"{stage}{i}", base, at, platform, point, way, lengths, radius, spherical_base)
@@ -276,7 +276,7 @@ def arm_with_rods(
         elbow: Joint = Spherical(rod, order="yxz") if spherical_elbow else Universal(rod, ("y", "x"))
         links.append(Series(rod, stem, (arm_length, place, 0), elbow))
         closures.append(Coincidence(rod, (0, 0, -rod_length), platform, as_xyz(point)))
-        shapes[rod] = [Capsule.between((0, 0, -radius), (0, 0, radius - rod_length), 0.5 * radius)]
+        shapes[rod] = [Capsule.between((0, 0, 0), (0, 0, -rod_length), 0.5 * radius)]
         way = np.asarray(shift) + np.asarray(point) - np.asarray(at)
         u, v, w = float(way @ ex), float(way @ ey) - place, float(way @ ez)
         # in the plane of the arm: two circles about its joint and about the rod's end

@@ -18,7 +18,7 @@ HALF_ANGLE = math.radians(12)
 _PAIRS = paired_azimuths(HALF_ANGLE)
 # leg by leg round the machine: neighbours in a pair below part to different pairs above
 BASE_POINTS = ring(0.5, [*_PAIRS[1:], _PAIRS[0] + 2 * math.pi])
-PLATFORM_POINTS = ring(0.3, paired_azimuths(HALF_ANGLE, middle=math.pi / 3), height=-0.03)
+PLATFORM_POINTS = ring(0.3, paired_azimuths(HALF_ANGLE, middle=math.pi / 3))
 
 
 def stewart(
@@ -56,8 +56,8 @@ def stewart(
     parts = legs + Parts(
         links=(Base(), Mobile("platform")),
         shapes={
-            "base": [Cylinder(radius=wide, length=radius, pose=transform((0, 0, -radius)))],
-            "platform": [Cylinder(radius=narrow, length=0.5 * radius)],
+            "base": [Cylinder(radius=wide, length=radius, pose=transform((0, 0, -0.5 * radius)))],
+            "platform": [Cylinder(radius=narrow, length=radius)],
         },
         masses={"platform": 5.0},
     )
