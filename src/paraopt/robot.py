@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,7 @@ from paraopt.kinematics import Configuration, Kinematics
 from paraopt.mechanism import Mechanism
 from paraopt.mechanism.joints import Range
 from paraopt.mechanism.links import as_point
-from paraopt.shapes import Shape
+from paraopt.shapes import Shape, check_solids
 
 
 @dataclass(frozen=True)
@@ -41,13 +43,18 @@ class Limits:
         for quantity in ("velocity", "acceleration", "jerk"):
             values = dict(getattr(self, quantity))
             for name, value in values.items():
-                if not (isinstance(value, (int, float, np.floating)) and np.isfinite(value) and value > 0):
+                if not (_is_finite(value) and value > 0):
                     raise DefinitionError(f"{quantity} limit of {name!r} is {value!r}; it must be finite and above 0")
                 values[name] = float(value)
             object.__setattr__(self, quantity, MappingProxyType(values))
         ranges = dict(self.position)
         for name, bounds in ranges.items():
-            low, high = (float(b) for b in bounds)
+            try:
+                low, high = (float(b) for b in bounds)
+            except (TypeError, ValueError) as error:
+                raise DefinitionError(
+                    f"position limit of {name!r} is {bounds!r}; it must be two numbers, lowest and highest value"
+                ) from error
             if not low < high:
                 raise DefinitionError(
                     f"position limit of {name!r} is ({low}, {high}); its low end must be below its high end"
@@ -55,16 +62,26 @@ class Limits:
             ranges[name] = (low, high)
         object.__setattr__(self, "position", MappingProxyType(ranges))
 
-    def check_names(self, mechanism: Mechanism) -> None:
-        """Refuse limits of variables that do not exist.
+    def check_fit(self, mechanism: Mechanism) -> None:
+        """Refuse limits of variables that do not exist, and those that leave a joint no place to be.
+
+        Args:
+            mechanism: The mechanism.
 
         Raises:
             UnknownNameError: A name is not a variable of the mechanism.
+            DefinitionError: A position limit and the range of its joint have nothing in common.
         """
         for quantity in ("position", "velocity", "acceleration", "jerk"):
             for name in getattr(self, quantity):
                 if name not in mechanism.names:
                     raise unknown_name(f"variable in the {quantity} limits", name, mechanism.names)
+        for variable, low, high in zip(mechanism.variables, *self.bounds(mechanism), strict=True):
+            if low > high:
+                raise DefinitionError(
+                    f"position limit of {variable.name!r} is {self.position[variable.name]} {variable.unit}, which is "
+                    f"apart from the range {variable.range} {variable.unit} of its joint; let them overlap"
+                )
 
     def bounds(self, mechanism: Mechanism) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Give the lowest and the highest value of every variable: ranges of the joints narrowed by these limits.
@@ -120,9 +137,10 @@ class Robot:
         for link, shapes in self.shapes.items():
             if link not in known:
                 raise unknown_name("link that carries shapes", link, known)
+            solids = check_solids(shapes, f"shapes of link {link!r}")
             named[link] = tuple(
-                s if s.name else replace(s, name=link if len(shapes) == 1 else f"{link} {i + 1}")
-                for i, s in enumerate(shapes)
+                s if s.name else replace(s, name=link if len(solids) == 1 else f"{link} {i + 1}")
+                for i, s in enumerate(solids)
             )
         names = [s.name for shapes in named.values() for s in shapes]
         doubled = {n for n in names if names.count(n) > 1}
@@ -131,8 +149,8 @@ class Robot:
         for link, mass in self.masses.items():
             if link not in known:
                 raise unknown_name("link that has a mass", link, known)
-            if not (np.isfinite(mass) and mass >= 0):
-                raise DefinitionError(f"mass of link {link!r} is {mass} kg; it must be finite and not negative")
+            if not (_is_finite(mass) and mass >= 0):
+                raise DefinitionError(f"mass of link {link!r} is {mass!r} kg; it must be finite and not negative")
         for pair in self.contacts:
             for link in pair:
                 if link not in known:
@@ -142,12 +160,16 @@ class Robot:
             if link not in known:
                 raise unknown_name("link that carries the tool", link, known)
             object.__setattr__(self, "tool", (link, as_point(point, f"tool point on {link!r}")))
-        for name in self.home:
-            self.mechanism.index(name)
+        for name, value in self.home.items():
+            variable = self.mechanism.variables[self.mechanism.index(name)]
+            if not _is_finite(value):
+                raise DefinitionError(
+                    f"home value of {name!r} is {value!r} {variable.unit}; it must be a finite number"
+                )
         missing = [n for n in self.mechanism.operational if n not in self.home]
         if missing:
             raise DefinitionError(f"home of {self.mechanism.name!r} lacks the operational variables {missing}")
-        self.limits.check_names(self.mechanism)
+        self.limits.check_fit(self.mechanism)
         object.__setattr__(self, "shapes", MappingProxyType(named))
         for mapping in ("home", "masses", "contacts", "facts"):
             object.__setattr__(self, mapping, MappingProxyType(dict(getattr(self, mapping))))
@@ -171,3 +193,8 @@ class Robot:
         """
         imposed = {name: self.home[name] for name in self.mechanism.operational}
         return self.kinematics.inverse(imposed, start=self.home).configuration
+
+
+def _is_finite(value: Any) -> bool:
+    """Tell whether a value is a finite real number, of Python or NumPy."""
+    return isinstance(value, numbers.Real) and bool(np.isfinite(float(value)))

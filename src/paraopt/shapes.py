@@ -6,7 +6,7 @@ Cylinders and capsules run along their own z axis and are centred on their origi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -146,3 +146,28 @@ class Capsule(Shape):
         """Place a capsule whose segment joins two points [m] of the carrying frame."""
         pose, length = segment_pose(first, second)
         return cls(radius=radius, length=length, pose=pose, name=name)
+
+
+def check_solids(shapes: Any, what: str) -> tuple[Shape, ...]:
+    """Refuse anything but a sequence of solids whose distance can be measured.
+
+    Args:
+        shapes: What was given.
+        what: Names it in the message.
+
+    Returns:
+        The solids.
+
+    Raises:
+        DefinitionError: It is no sequence, or holds something that is not a Box, Sphere, Cylinder or Capsule.
+    """
+    kinds = "Box, Sphere, Cylinder or Capsule"
+    if isinstance(shapes, (str, bytes)) or not isinstance(shapes, Iterable):
+        raise DefinitionError(f"{what}: {shapes!r} is given; it must be a list of {kinds}")
+    solids = tuple(shapes)
+    for solid in solids:
+        if not isinstance(solid, Shape):
+            raise DefinitionError(f"{what}: {solid!r} is not a shape; use {kinds}")
+        if not isinstance(solid, (Box, Sphere, Cylinder, Capsule)):
+            raise DefinitionError(f"{what}: {solid.label} cannot be checked for collision; use {kinds}")
+    return solids

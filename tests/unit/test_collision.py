@@ -152,13 +152,28 @@ def test_sphere_and_cylinder(p: tuple[float, float, float], turned: bool) -> Non
     assert measure(cylinder, ball)[0] == pytest.approx(expected, abs=ACCURACY)
 
 
-@pytest.mark.xfail(strict=True, reason="coal 3.0.3: wrong depth of a sphere whose centre is inside a cylinder")
 def test_sphere_centred_inside_a_cylinder() -> None:
     random = np.random.default_rng(0)
     for _ in range(50):
         p = random.uniform((-0.6, -0.6, -1.9), (0.6, 0.6, 1.9))
         distance, _, _ = measure(po.Cylinder(radius=1.0, length=4.0), po.Sphere(radius=0.5, pose=at(*p)))
         assert distance == pytest.approx(sphere_cylinder(p, 1.0, 4.0, 0.5), abs=1e-6)
+
+
+@pytest.mark.parametrize("p", [(0, 0, 0), (0, 0, 1.7), (0, 0, -2.5), (0.3, 0.4, 0), (1, 0, 2), (1, 0, 0), (2, 1, -3)])
+@pytest.mark.parametrize("ball_first", [False, True])
+def test_witnesses_of_sphere_and_cylinder(p: tuple[float, float, float], ball_first: bool) -> None:
+    """On the axis, inside, on the rim, on the side, and far."""
+    X = at(0.4, -0.2, 0.9, (0.3, -0.7, 1.1))
+    cylinder, ball = po.Cylinder(radius=1.0, length=4.0, pose=X), po.Sphere(radius=0.5, pose=X @ at(*p))
+    first, second = (ball, cylinder) if ball_first else (cylinder, ball)
+    distance, points, normal = measure(first, second)
+    assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-12)
+    assert_allclose(points[1] - points[0], distance * normal, atol=1e-12)
+    # the solids lie on both sides of planes that far apart: no direction keeps them farther
+    assert gap_along(first, second, normal[None])[0] == pytest.approx(distance, abs=1e-9)
+    on_cylinder = np.linalg.inv(X) @ [*points[int(ball_first)], 1.0]
+    assert max(np.hypot(on_cylinder[0], on_cylinder[1]) - 1.0, abs(on_cylinder[2]) - 2.0) == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize(

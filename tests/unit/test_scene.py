@@ -180,7 +180,6 @@ def test_doubled_names_are_refused() -> None:
     assert [b.name for b in po.Scene(flyer(), [po.Sphere(radius=1.0)] * 2).bodies] == ["obstacle 1", "obstacle 2"]
 
 
-@pytest.mark.xfail(strict=True, reason="bug: refused only when a distance is asked for, or by Python's own error")
 @pytest.mark.parametrize("given", [[Shape(name="thing")], po.Sphere(radius=1.0)], ids=["bare shape", "no list"])
 def test_obstacles_that_cannot_be_measured_are_refused_at_once(given: Any) -> None:
     with pytest.raises(po.DefinitionError):

@@ -344,7 +344,9 @@ def _load_all(functions: Sequence[ca.Function], backend: Backend) -> ctypes.CDLL
         return _load([_row_major(f) for f in functions], compiler)
     except (BackendError, OSError) as error:
         if backend == "compiled":
-            raise
+            if isinstance(error, BackendError):
+                raise
+            raise BackendError(f"{names} could not be compiled with {compiler}: {error}", compiler=compiler) from error
         logger.warning("%s runs in the virtual machine: %s", names, error)
         return None
 
@@ -355,10 +357,22 @@ def _load(functions: Sequence[ca.Function], compiler: str) -> ctypes.CDLL:
     graphs = [f.serialize() for f in functions]
     recipe = "|".join([ca.__version__, _compiler_identity(compiler), *flags, _HEADER, _DRIVER, *graphs])
     key = hashlib.sha256(recipe.encode()).hexdigest()[:32]
-    target = cache_folder() / f"{functions[0].name()}-{key}.so"
-    if not target.exists():
-        _compile(functions, [compiler, *flags], target)
-    return ctypes.CDLL(str(target))
+    folder, name = cache_folder(), f"{functions[0].name()}-{key}"
+    for made in sorted(folder.glob(f"{name}-*.so")):
+        if _is_whole(made):
+            return ctypes.CDLL(str(made))
+        logger.warning("%s is damaged and made again", made)
+        made.unlink(missing_ok=True)
+    return ctypes.CDLL(str(_compile(functions, [compiler, *flags], folder, name)))
+
+
+def _is_whole(library: Path) -> bool:
+    """Tell whether a library holds what its name says; loading one that was cut short may end the process."""
+    return library.stem.endswith(f"-{_digest(library)}")
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
 def _flags(functions: Sequence[ca.Function]) -> tuple[str, ...]:
@@ -366,8 +380,9 @@ def _flags(functions: Sequence[ca.Function]) -> tuple[str, ...]:
     return ("-O3" if all(f.is_a("SXFunction") for f in functions) else "-O1", *_FLAGS)
 
 
-def _compile(functions: Sequence[ca.Function], command: Sequence[str], target: Path) -> None:
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".build-") as build:
+def _compile(functions: Sequence[ca.Function], command: Sequence[str], folder: Path, name: str) -> Path:
+    """Compile functions into a library whose name tells what it was made from and what it holds."""
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".build-") as build:
         source = Path(build) / "functions.c"
         generator = ca.CodeGenerator(source.name)
         for function in functions:
@@ -384,4 +399,9 @@ def _compile(functions: Sequence[ca.Function], command: Sequence[str], target: P
         if done.returncode != 0:
             names = ", ".join(f.name() for f in functions)
             raise BackendError(f"{command[0]} failed on {names}: {done.stderr.strip()[:500]}", command=full)
+        if not product.exists():
+            names = ", ".join(f.name() for f in functions)
+            raise BackendError(f"{command[0]} reported success on {names} but made no library", command=full)
+        target = folder / f"{name}-{_digest(product)}.so"
         os.replace(product, target)
+        return target

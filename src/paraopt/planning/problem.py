@@ -60,7 +60,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         if self.limits is not None:
-            self.limits.check_names(self.robot.mechanism)
+            self.limits.check_fit(self.robot.mechanism)
         for label in ("start", "goal"):
             self._check_pose(label, getattr(self, label))
 

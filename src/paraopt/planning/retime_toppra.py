@@ -110,6 +110,8 @@ class TimeOptimal:
         knots = np.unique(path.spline.t)
         s = np.union1d(spread, knots[np.min(np.abs(knots[:, None] - spread), axis=1) > 0.1 / n])
         drives = sample_drives(problem, path, s)
+        still = np.max(np.abs(drives.dq) / drives.velocity, axis=1)
+        self._check_moves(path, s, still <= 1e-9 * np.max(still))
         unit = float(np.max(np.abs(drives.dq) / drives.velocity))
         scheme = toppra.constraint.DiscretizationType.Interpolation
         constraints = [
@@ -133,15 +135,20 @@ class TimeOptimal:
             raise RetimeError(f"toppra found no time law: {instance.problem_data.return_code.value}", path=path)
         speed = speed / unit
         means = 0.5 * (speed[1:] + speed[:-1])
-        stalled = np.flatnonzero(means <= 1e-10 / unit)
-        if stalled.size:
-            raise RetimeError(
-                f"the path speed falls to zero at s = {s[stalled[0]]:.4f}, where no speed can follow the path "
-                "(a cusp, or repeated points)",
-                path=path,
-                s=float(s[stalled[0]]),
-            )
+        self._check_moves(path, s, means <= 1e-10 / unit)
         dt = np.diff(s) / means
         acceleration = np.diff(speed) / dt
         breaks = np.concatenate([[0.0], np.cumsum(dt)])
         return TimeLaw(breaks, np.vstack([0.5 * acceleration, speed[:-1], s[:-1]]))
+
+    def _check_moves(self, path: Path, s: Array, still: NDArray[np.bool_]) -> None:
+        """Refuse a path that cannot be followed at some of the parameters s."""
+        stalled = np.flatnonzero(still)
+        if stalled.size:
+            place = float(s[stalled[0]])
+            raise RetimeError(
+                f"the path speed falls to zero at s = {place:.4f}, where no speed of the parameter can follow the path "
+                "(a cusp, or repeated points); move the control points apart",
+                path=path,
+                s=place,
+            )

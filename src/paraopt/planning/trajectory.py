@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,19 @@ from paraopt.planning.path import Path
 from paraopt.robot import Robot
 
 Array = NDArray[np.float64]
+
+
+class Motion(Protocol):
+    """Give all variables in time: what a certificate needs of a trajectory."""
+
+    @property
+    def duration(self) -> float:
+        """Give the length in time [s]."""
+        ...
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Evaluate values (order 0), velocities (1) or accelerations (2)."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,31 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from paraopt.errors import CertificateError, DefinitionError
 from paraopt.kinematics import Configuration
 from paraopt.kinematics import Margins as SingularityMargins
+from paraopt.planning.differences import measure_disagreement
 from paraopt.planning.problem import Problem
-from paraopt.planning.trajectory import Trajectory
+from paraopt.planning.trajectory import Motion, Trajectory
 
 Array = NDArray[np.float64]
-
-
-class Motion(Protocol):
-    """Give all variables in time; what `verify` needs of a trajectory."""
-
-    @property
-    def duration(self) -> float:
-        """Give the length in time [s]."""
-        ...
-
-    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate values (order 0), velocities (1) or accelerations (2)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -161,22 +148,28 @@ def verify(
     """Look at a trajectory densely and judge it against the problem.
 
     Nothing of the seeder, refiner or retimer is used: closures, Jacobians and distances are evaluated afresh at the
-    positions that the trajectory gives. Velocities and accelerations are judged twice: against their limits, and
-    against differences of the positions and of the velocities.
+    positions that the trajectory gives. Stated velocities and accelerations are compared with differences of what they
+    are derivatives of, and both are held against the limits.
 
     Args:
         problem: The problem.
         trajectory: The motion.
         rate: Samples per second [Hz].
-        at_least: Smallest number of samples.
+        at_least: Smallest number of intervals between samples; never less than four.
         check_jerk: Whether differences of the accelerations must respect the jerk limits.
         tolerances: What is forgiven.
 
     Returns:
         The certificate, passed or not.
+
+    Raises:
+        DefinitionError: The duration or the rate is not finite and above 0.
     """
     tolerances = tolerances or Tolerances()
-    n = max(int(at_least), int(np.ceil(trajectory.duration * rate))) + 1
+    for name, value, unit in (("duration of the trajectory", trajectory.duration, "s"), ("rate", rate, "Hz")):
+        if not (np.isfinite(value) and value > 0):
+            raise DefinitionError(f"{name} is {value} {unit}; it must be finite and above 0")
+    n = max(int(at_least), int(np.ceil(trajectory.duration * rate)), 4) + 1
     t = np.linspace(0.0, trajectory.duration, n)
     if isinstance(trajectory, Trajectory):  # one pass for all three
         state = trajectory.state(t)
@@ -186,10 +179,12 @@ def verify(
     ledger = _Ledger(t)
     _check_ends(ledger, problem, X, tolerances)
     _check_closures(ledger, problem, X, V, tolerances)
-    _check_limits(ledger, problem, X, V, A, tolerances)
-    _check_derivatives(ledger, problem, X, V, A, tolerances)
+    _check_range(ledger, problem, X, tolerances)
+    _check_limit(ledger, problem, "velocity", V, [X], tolerances.excess)
+    _check_limit(ledger, problem, "acceleration", A, [V, X], tolerances.excess)
+    _check_derivatives(ledger, problem, trajectory, X, V, A, tolerances)
     if check_jerk:
-        _check_jerk(ledger, problem, A, tolerances)
+        _check_limit(ledger, problem, "jerk", None, [A, V, X], tolerances.excess)
     clearance, margins = _check_space(ledger, problem, X, tolerances)
     return Certificate(tuple(ledger.checks), n, float(t[1]), t, clearance, margins.parallel, margins.serial)
 
@@ -219,6 +214,18 @@ class _Ledger:
         i, j = divmod(int(np.argmax(table)), table.shape[1])
         worst = float(table[i, j])
         self.checks.append(Check(name, worst, bound, unit, float(self.t[at + i]), labels[j], worst <= bound))
+
+    def worse(self, *ways: tuple[str, Array, float, str, Sequence[str], int]) -> None:
+        """Judge a quantity in several ways: the first verdict is kept, unless it holds and others do not.
+
+        Args:
+            ways: Arguments of `largest`, for each way.
+        """
+        for way in ways:
+            self.largest(*way)
+        first, *others = self.checks[-len(ways) :]
+        failed = [] if not first.passed else [check for check in others if not check.passed]
+        self.checks[-len(ways) :] = [max(failed, key=lambda check: check.value, default=first)]
 
     def smallest(self, name: str, values: Array, bound: float, unit: str, allowance: float, where: str = "") -> None:
         """Judge the smallest of values of shape (n,) against a lower bound that may be missed by an allowance."""
@@ -258,44 +265,67 @@ def _check_closures(ledger: _Ledger, problem: Problem, X: Array, V: Array, toler
     ledger.largest("closure velocity", slip / _size(V / scale), tolerances.slip, "1")
 
 
-def _check_limits(ledger: _Ledger, problem: Problem, X: Array, V: Array, A: Array, tolerances: Tolerances) -> None:
-    """Check positions, velocities and accelerations of all variables that have limits."""
-    mechanism = problem.robot.mechanism
-    low, high = problem.bounds.bounds(mechanism)
+def _check_range(ledger: _Ledger, problem: Problem, X: Array, tolerances: Tolerances) -> None:
+    """Check the positions of all variables."""
+    low, high = problem.bounds.bounds(problem.robot.mechanism)
     beyond = np.maximum(low - X, X - high) / problem.robot.kinematics.graph.variable_scale
-    ledger.largest("range exceeded", np.maximum(beyond, 0.0), tolerances.range, "1", mechanism.names)
-    for quantity, values in (("velocity", V), ("acceleration", A)):
-        limits = problem.bounds.of(quantity, mechanism.names)
-        limited = np.flatnonzero(np.isfinite(limits))
-        if limited.size:
-            share = np.abs(values[:, limited]) / limits[limited]
-            labels = [mechanism.names[i] for i in limited]
-            ledger.largest(f"{quantity} / limit", share, 1.0 + tolerances.excess, "1", labels)
+    names = problem.robot.mechanism.names
+    ledger.largest("range exceeded", np.maximum(beyond, 0.0), tolerances.range, "1", names)
 
 
-def _check_derivatives(ledger: _Ledger, problem: Problem, X: Array, V: Array, A: Array, tolerances: Tolerances) -> None:
+def _check_limit(
+    ledger: _Ledger, problem: Problem, quantity: str, stated: Array | None, sources: Sequence[Array], excess: float
+) -> None:
+    """Check a derivative of all variables that have a limit of it.
+
+    The stated values are judged, and so are differences of the positions and of lower derivatives. These are weighted
+    means of the true derivative, which never exceed the largest value in their interval: nothing has to be forgiven.
+
+    Args:
+        ledger: Where the verdict goes.
+        problem: The problem.
+        quantity: "velocity", "acceleration" or "jerk".
+        stated: The stated derivative, shape (n, n_variables); None when there is none.
+        sources: What is differenced: the derivative below first, the positions last; shape (n, n_variables) each.
+        excess: Share by which the limit may be exceeded [1].
+    """
+    mechanism, kinematics = problem.robot.mechanism, problem.robot.kinematics
+    limits = problem.bounds.of(quantity, mechanism.names)
+    limited = np.flatnonzero(np.isfinite(limits))
+    if not limited.size:
+        return
+    names, limits, period = [mechanism.names[i] for i in limited], limits[limited], float(ledger.t[1])
+    ways: list[tuple[Array, Sequence[str], int]] = []
+    if stated is not None:
+        ways.append((np.abs(stated[:, limited]) / limits, names, 0))
+    for order, source in enumerate(sources, start=1):
+        values = source[:, limited]
+        # closed loops are known to the tolerance of the solves; derivatives have the same number of digits
+        size = kinematics.graph.variable_scale[limited] if order == len(sources) else np.max(np.abs(values), axis=0)
+        noise = 2.0**order * kinematics.options.tolerance * float(np.max(size / limits, initial=0.0))
+        reach = (10.0 * noise / max(excess, 1e-9)) ** (1.0 / order)  # over such times noise is a tenth of the excess
+        k = int(np.clip(np.ceil(reach / period), 1, (len(values) - 1) // (order + 1))) if np.isfinite(reach) else 1
+        for _ in range(order):
+            values = values[k:] - values[:-k]
+        labels = [f"{name}, by differences" for name in names]
+        ways.append((np.abs(values) / (limits * (k * period) ** order), labels, order * k // 2))
+    ledger.worse(*((f"{quantity} / limit", share, 1.0 + excess, "1", labels, at) for share, labels, at in ways))
+
+
+def _check_derivatives(
+    ledger: _Ledger, problem: Problem, motion: Motion, X: Array, V: Array, A: Array, tolerances: Tolerances
+) -> None:
     """Compare stated derivatives with differences of what they are derivatives of, and ask for rest at the ends."""
     names, scale = problem.robot.mechanism.names, problem.robot.kinematics.graph.variable_scale
-    period = float(ledger.t[1])
-    speed = _size(V / scale)
-    for name, values, derivative, size in (
-        ("velocity is dX/dt", X, V, speed),
-        ("acceleration is dV/dt", V, A, _size(A / scale)),
+    speed, bound = _size(V / scale), tolerances.derivative
+    for name, order, values, derivative, size in (
+        ("velocity is dX/dt", 1, X, V, speed),
+        ("acceleration is dV/dt", 2, V, A, _size(A / scale)),
     ):
-        gap = _outside(np.diff(values, axis=0) / period, derivative) / (scale * size)
-        ledger.largest(name, gap, tolerances.derivative, "1", names)
+        gap = measure_disagreement(motion, ledger.t, order, values, derivative, scale * size, bound)
+        ledger.largest(name, gap, bound, "1", names)
     for label, i in (("at rest at start", 0), ("at rest at goal", len(X) - 1)):
         ledger.largest(label, np.abs(V[i : i + 1]) / (scale * speed), tolerances.rest, "1", names, at=i)
-
-
-def _check_jerk(ledger: _Ledger, problem: Problem, A: Array, tolerances: Tolerances) -> None:
-    """Check that accelerations change no faster than the jerk limits allow between two instants."""
-    names = problem.robot.mechanism.names
-    limits = problem.bounds.of("jerk", names)
-    limited = np.flatnonzero(np.isfinite(limits))
-    if limited.size:
-        share = np.abs(np.diff(A[:, limited], axis=0)) / (float(ledger.t[1]) * limits[limited])
-        ledger.largest("jerk / limit", share, 1.0 + tolerances.excess, "1", [names[i] for i in limited])
 
 
 def _check_space(
@@ -326,22 +356,3 @@ def _check_space(
 def _size(values: Array) -> float:
     """Give the largest finite magnitude, never zero."""
     return max(float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0)), 1e-12)
-
-
-def _outside(measured: Array, stated: Array) -> Array:
-    """Tell how far difference quotients lie outside the values stated around them.
-
-    Accelerations may jump inside an interval, so the quotient is compared with the span of the stated values from one
-    sample before the interval to one after it.
-
-    Args:
-        measured: Difference quotients, shape (n - 1, k).
-        stated: Derivatives, shape (n, k).
-
-    Returns:
-        Distances from the spans, shape (n - 1, k); inf where a value is not a number.
-    """
-    padded = np.vstack([stated[:1], stated, stated[-1:]])
-    window = np.stack([padded[:-3], padded[1:-2], padded[2:-1], padded[3:]])
-    gap = np.maximum(window.min(axis=0) - measured, measured - window.max(axis=0))
-    return np.where(np.isnan(gap), np.inf, np.maximum(gap, 0.0))

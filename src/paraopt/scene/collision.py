@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from paraopt.errors import BackendError, DefinitionError
 from paraopt.scene.bounds import enclose, segment_distance
+from paraopt.scene.exact import measure_point_and_cylinder
 from paraopt.scene.pairs import WORLD, Body, Pair
 from paraopt.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
@@ -71,6 +72,12 @@ class CollisionModel:
         self._ends, self._radii = np.array(ends).reshape(-1, 2, 3), np.array(radii)
         self._placements = np.array([b.shape.pose for b in self.bodies]).reshape(-1, 4, 4)
         self._frames = np.array([b.frame for b in self.bodies], dtype=int)
+        kinds = [{type(self.bodies[i].shape) for i in (p.first, p.second)} for p in self.pairs]
+        # coal 3.0.3 gives wrong depths for a sphere whose centre is inside a cylinder
+        self._by_formula = np.array([kind == {Sphere, Cylinder} for kind in kinds], dtype=bool)
+        self._is_ball = np.array([isinstance(b.shape, Sphere) for b in self.bodies], dtype=bool)
+        sizes = [(getattr(b.shape, "radius", np.nan), getattr(b.shape, "length", np.nan)) for b in self.bodies]
+        self._radius, self._length = np.array(sizes, dtype=float).reshape(-1, 2).T
 
     def place(self, poses: Array) -> Array:
         """Give the pose of every body in the world.
@@ -117,12 +124,19 @@ class CollisionModel:
         """
         k = len(samples)
         distances, points, normals = np.empty(k), np.empty((k, 2, 3)), np.empty((k, 3))
+        formula = self._by_formula[pairs]
+        if np.any(formula):
+            distances[formula], points[formula], normals[formula] = self._measure_balls(
+                placed, samples[formula], pairs[formula]
+            )
         A, B, result = coal.Transform3s(), coal.Transform3s(), coal.DistanceResult()
         first, second = self._first[pairs], self._second[pairs]
         R_A, R_B = placed[samples, first, :3, :3], placed[samples, second, :3, :3]
         p_A, p_B = placed[samples, first, :3, 3], placed[samples, second, :3, 3]
         try:
             for i, pair in enumerate(pairs.tolist()):
+                if formula[i]:
+                    continue
                 A.setTransform(R_A[i], p_A[i])
                 B.setTransform(R_B[i], p_B[i])
                 result.clear()
@@ -138,6 +152,24 @@ class CollisionModel:
         except (RuntimeError, ValueError) as error:
             raise BackendError(f"coal failed on the pair {self.pairs[pair].name}: {error}") from error
         return distances, points, normals
+
+    def _measure_balls(
+        self, placed: Array, samples: NDArray[np.intp], pairs: NDArray[np.intp]
+    ) -> tuple[Array, Array, Array]:
+        """Measure pairs of a sphere and a cylinder by formula."""
+        first, second = self._first[pairs], self._second[pairs]
+        ball_first = self._is_ball[first]
+        ball, tube = np.where(ball_first, first, second), np.where(ball_first, second, first)
+        ball_radius, radius, half = self._radius[ball], self._radius[tube], 0.5 * self._length[tube]
+        centre, X_WT = placed[samples, ball, :3, 3], placed[samples, tube]
+        local = np.einsum("kji,kj->ki", X_WT[:, :3, :3], centre - X_WT[:, :3, 3])
+        distance, touched, normal = measure_point_and_cylinder(local, radius, half)
+        touched = np.einsum("kij,kj->ki", X_WT[:, :3, :3], touched) + X_WT[:, :3, 3]
+        normal = np.einsum("kij,kj->ki", X_WT[:, :3, :3], normal)
+        points = np.stack([touched, centre - ball_radius[:, None] * normal], axis=1)
+        points[ball_first] = points[ball_first, ::-1]
+        normal[ball_first] *= -1.0
+        return distance - ball_radius, points, normal
 
     def smallest(self, placed: Array) -> tuple[Array, NDArray[np.intp]]:
         """Find the smallest distance over all pairs at every sample, and the pair that has it.

@@ -14,7 +14,7 @@ from paraopt.kinematics import Configuration, MotionSpace
 from paraopt.robot import Robot
 from paraopt.scene.collision import CollisionModel
 from paraopt.scene.pairs import WORLD, Body, Pair, SkippedPair, choose_pairs, list_bodies
-from paraopt.shapes import Shape
+from paraopt.shapes import Shape, check_solids
 
 Array = NDArray[np.float64]
 
@@ -64,11 +64,9 @@ class Scene:
     obstacles: Sequence[Shape] = ()
 
     def __post_init__(self) -> None:
-        obstacles = tuple(self.obstacles)
-        for obstacle in obstacles:
-            if not isinstance(obstacle, Shape):
-                raise DefinitionError(f"obstacle {obstacle!r} is not a shape; use Box, Sphere, Cylinder or Capsule")
-        object.__setattr__(self, "obstacles", obstacles)
+        if not isinstance(self.robot, Robot):
+            raise DefinitionError(f"the scene's robot is {self.robot!r}; it must be a Robot")
+        object.__setattr__(self, "obstacles", check_solids(self.obstacles, "obstacles of the scene"))
         names = [b.name for b in self.bodies]
         doubled = sorted({n for n in names if names.count(n) > 1})
         if doubled:

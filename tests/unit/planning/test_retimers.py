@@ -214,7 +214,6 @@ def test_a_cusp_is_refused() -> None:
     assert caught.value.evidence["path"] is path
 
 
-@pytest.mark.xfail(reason="the message repeats toppra's 'not controllable' and does not name the place", strict=True)
 def test_a_cusp_is_named() -> None:
     with pytest.raises(po.RetimeError, match=r"at s = 0\.[45].*(cusp|repeated points)"):
         po.TimeOptimal().retime(problem_of("free"), _cusp(problem_of("free")))
