@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import os
-import re
-import textwrap
-from collections import defaultdict, deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from graphlib import TopologicalSorter
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from paraopt.mechanism import Mechanism, Mobile, Series
-from paraopt.mechanism.closures import Closure
+from paraopt.mechanism import Mechanism
 from paraopt.view import style
 from paraopt.view.canvas import in_house_style, new_figure, save_figure
+from paraopt.view.graph_content import ACTIVE, OPERATIONAL, GraphLink, GraphTie, LinkGraph, build_link_graph, count
 from paraopt.view.graph_layout import GraphEdge, GraphNode, Layout, LayoutOptions, Rectangle, lay_out
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-ACTIVE, OPERATIONAL = "●", "◆"
-"""Signs before the names of active and operational variables: they say without colour what the colours say."""
 
 NODE_SIZE, LABEL_SIZE, TITLE_SIZE = 9.0, 7.5, 11.0
 """Sizes of letters [pt]."""
@@ -33,99 +26,8 @@ LINE_HEIGHT = 1.3
 PADDING = 0.08
 """Room between text and the border of its box [in]."""
 
-WRAP = 24
-"""Number of letters beyond which a label goes on in the next line."""
-
 DASHES = (0.0, (2.4, 1.4))
 DRIVEN_FILL = "#FBE9C6"
-
-
-@dataclass(frozen=True)
-class GraphLink:
-    """Hold a link as the graph shows it.
-
-    Attributes:
-        name: Name of the link.
-        kind: "base", "link" (hangs from a father) or "mobile" (free).
-        layer: Layer, 0 at the bottom.
-        notes: Lines under the name: the coordinates of a mobile link.
-    """
-
-    name: str
-    kind: Literal["base", "link", "mobile"]
-    layer: int
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class GraphTie:
-    """Hold what ties two links in the graph: a joint, or all closures between them.
-
-    Attributes:
-        name: Name, unique in the graph.
-        kind: "joint" or "closure".
-        ends: Names of the two links.
-        lines: Text on the line: type, then names of variables.
-        active: Whether an actuator drives one of its variables.
-    """
-
-    name: str
-    kind: Literal["joint", "closure"]
-    ends: tuple[str, str]
-    lines: tuple[str, ...]
-    active: bool = False
-
-
-@dataclass(frozen=True)
-class LinkGraph:
-    """Hold the graph of a mechanism: its links in layers and what ties them.
-
-    The base is in layer 0; legs that come from it stand above it, and a platform above all of its legs. Legs that hang
-    from a platform and close at the ground stand below that platform, for they are read from the ground upwards too.
-
-    Attributes:
-        links: The links.
-        ties: Joints and closures.
-    """
-
-    links: tuple[GraphLink, ...]
-    ties: tuple[GraphTie, ...]
-
-
-def build_link_graph(mechanism: Mechanism) -> LinkGraph:
-    """Read the graph of a mechanism: links, joints and closures, with the layer of every link.
-
-    Args:
-        mechanism: The mechanism.
-
-    Returns:
-        The graph; several closures between the same two links make one tie.
-    """
-    layers = _assign_layers(mechanism)
-    roles = {v.name: v.role for v in mechanism.variables}
-    links = []
-    ties = []
-    for link in mechanism.links:
-        names = [m.name for m in link.motions]
-        if isinstance(link, Series):
-            kind = "fixed" if not names else _words(type(link.joint).__name__)
-            if len(names) == 1:
-                kind += f" {link.motions[0].axis}"
-            driven = any(roles[n] == "active" for n in names)
-            text = (kind, *_list_variables(names, roles))
-            ties.append(GraphTie(f"joint of {link.name}", "joint", (link.father, link.name), text, driven))
-            links.append(GraphLink(link.name, "link", layers[link.name]))
-        elif isinstance(link, Mobile):
-            links.append(GraphLink(link.name, "mobile", layers[link.name], _list_variables(names, roles)))
-        else:
-            links.append(GraphLink(link.name, "base", layers[link.name]))
-    together: dict[tuple[str, str], list[Closure]] = defaultdict(list)
-    for closure in mechanism.closures:
-        key = (closure.link_A, closure.link_B)
-        together[key if key in together or key[::-1] not in together else key[::-1]].append(closure)
-    for ends, closures in together.items():
-        ties.append(GraphTie(f"closure of {ends[0]} and {ends[1]}", "closure", ends, _describe_closures(closures)))
-    return LinkGraph(tuple(links), tuple(ties))
 
 
 @in_house_style
@@ -185,8 +87,8 @@ def draw_link_graph(
     axes.text(x + margin, top, f"{mechanism.name}: link graph", fontsize=TITLE_SIZE, fontweight="bold", va="top")
     joints = sum(tie.kind == "joint" for tie in graph.ties)
     facts = (
-        f"{_count(len(graph.links), 'link')}, {_count(joints, 'joint')}, {_count(len(mechanism.closures), 'closure')}; "
-        f"{len(mechanism.active)} of {_count(len(mechanism.variables), 'variable')} driven"
+        f"{count(len(graph.links), 'link')}, {count(joints, 'joint')}, {count(len(mechanism.closures), 'closure')}; "
+        f"{len(mechanism.active)} of {count(len(mechanism.variables), 'variable')} driven"
     )
     axes.text(x + margin, top - 0.22, facts, fontsize=LABEL_SIZE + 0.5, color=style.MUTED, va="top")
     _draw_legend(axes, entries, columns, x + margin, y + margin, width)
@@ -195,125 +97,30 @@ def draw_link_graph(
     return figure
 
 
-# --- Layers
-
-
-def _assign_layers(mechanism: Mechanism) -> dict[str, int]:
-    """Give every link a layer above all that it is reached from, seen from the base.
-
-    Links tied by joints form trees, one from the base and one from each mobile link. Trees are ranked by the least
-    number of closures between them and the base. A closure leads from the lower rank to the higher; inside a tree, a
-    joint leads from father to son, but from son to father where the lower ranks are reached through the son.
-    """
-    father = {k.name: k.father for k in mechanism.links if isinstance(k, Series)}
-
-    def ancestors(link: str) -> Iterable[str]:
-        while True:
-            yield link
-            if link not in father:
-                return
-            link = father[link]
-
-    tree = {link.name: deque(ancestors(link.name), maxlen=1)[0] for link in mechanism.links}
-    ties = [(c.link_A, c.link_B) for c in mechanism.closures]
-    rank = _rank_trees(mechanism.base.name, [(tree[a], tree[b]) for a, b in ties])
-    last = max(rank.values()) + 1
-    upwards: set[str] = set()
-    for a, b in ties:
-        low, high = rank.get(tree[a], last), rank.get(tree[b], last)
-        if low != high:
-            upwards.update(ancestors(b if low < high else a))
-    before: dict[str, set[str]] = {link.name: set() for link in mechanism.links}
-    for son, parent in father.items():
-        if son in upwards and tree[son] != mechanism.base.name:
-            before[parent].add(son)
-        else:
-            before[son].add(parent)
-    for a, b in ties:
-        low, high = rank.get(tree[a], last), rank.get(tree[b], last)
-        if low != high:
-            before[b if low < high else a].add(a if low < high else b)
-    layers: dict[str, int] = {}
-    for link in TopologicalSorter(before).static_order():
-        layers[link] = max((layers[other] + 1 for other in before[link]), default=0)
-    return layers
-
-
-def _rank_trees(base: str, ties: Sequence[tuple[str, str]]) -> dict[str, int]:
-    """Give the least number of closures between the base's tree and every tree that closures lead to."""
-    rank = {base: 0}
-    queue = deque([base])
-    while queue:
-        tree = queue.popleft()
-        for a, b in ties:
-            for here, there in ((a, b), (b, a)):
-                if here == tree and there not in rank:
-                    rank[there] = rank[tree] + 1
-                    queue.append(there)
-    return rank
-
-
-# --- Texts
-
-
-def _words(name: str) -> str:
-    """Write the name of a class as words: "ClosingRevolute" gives "closing revolute"."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"
-
-
-def _list_variables(names: Sequence[str], roles: Mapping[str, str]) -> tuple[str, ...]:
-    """List variables in lines, one or more per role, each line opened by the sign of its role."""
-    lines: list[str] = []
-    for role, sign in (("active", f"{ACTIVE} "), ("operational", f"{OPERATIONAL} "), ("passive", "")):
-        chosen = [name for name in names if roles[name] == role]
-        if chosen:
-            lines += textwrap.wrap(sign + _abbreviate(chosen), WRAP, break_long_words=False)
-    return tuple(lines)
-
-
-def _abbreviate(names: Sequence[str]) -> str:
-    """List names, the common stem only once: "leg 1.x", "leg 1.y" gives "leg 1.x, .y"."""
-    stem = names[0].rpartition(".")[0] + "."
-    if len(names) < 2 or stem == "." or not all(name.startswith(stem) for name in names):
-        return ", ".join(names)
-    return ", ".join([names[0], *("." + name.removeprefix(stem) for name in names[1:])])
-
-
-def _describe_closures(closures: Sequence[Closure]) -> tuple[str, ...]:
-    """Describe the closures between two links: how many of which type, and the name of one that has its own."""
-    lines = []
-    for kind in dict.fromkeys(type(c) for c in closures):
-        members = [c for c in closures if type(c) is kind]
-        lines.append(_words(kind.__name__) if len(members) == 1 else f"{len(members)} × {_words(kind.__name__)}")
-    if len(closures) == 1 and closures[0].name != f"{closures[0].link_A} = {closures[0].link_B}":
-        lines += textwrap.wrap(closures[0].name, WRAP, break_long_words=False)
-    return tuple(lines)
-
-
 # --- Layout
 
 
 def _lay_out(graph: LinkGraph, options: LayoutOptions | None) -> Layout:
     sizes = {link.name: _box_of(link) for link in graph.links}
-    # boxes of one width make columns that are easy to follow; one long text does not widen them all
-    common = min(max(width for width, _ in sizes.values()), 1.3)
+    # boxes of one width make columns that are easy to follow; one long name does not widen them all
+    common = min(max(_box_of(replace(link, notes=()))[0] for link in graph.links), 1.3)
     nodes = [
         GraphNode(link.name, link.layer, max(sizes[link.name][0], common), sizes[link.name][1]) for link in graph.links
     ]
     edges = []
     for tie in graph.ties:
-        width = max(_measure(line, LABEL_SIZE, bold=tie.active) for line in tie.lines)
+        width = max(_measure(line.text, LABEL_SIZE, line.bold) for line in tie.lines)
         height = len(tie.lines) * LABEL_SIZE * LINE_HEIGHT / 72.0
-        edges.append(GraphEdge(tie.name, tie.ends, width + PADDING, height + 0.5 * PADDING))
+        edges.append(
+            GraphEdge(tie.name, tie.ends, width + (2.0 if tie.active else 1.0) * PADDING, height + 0.5 * PADDING)
+        )
     return lay_out(nodes, edges, options)
 
 
 def _box_of(link: GraphLink) -> tuple[float, float]:
-    width = max([_measure(link.name, NODE_SIZE, bold=True), *(_measure(n, LABEL_SIZE, bold=True) for n in link.notes)])
+    width = max(
+        [_measure(link.name, NODE_SIZE, bold=True), *(_measure(n.text, LABEL_SIZE, n.bold) for n in link.notes)]
+    )
     height = LINE_HEIGHT * (NODE_SIZE + len(link.notes) * LABEL_SIZE) / 72.0
     return width + 2.4 * PADDING, height + PADDING
 
@@ -365,8 +172,7 @@ def _draw_node(axes: Axes, link: GraphLink, box: Rectangle, hatch: float) -> Non
         (link.name, {"fontsize": NODE_SIZE, "fontweight": "normal" if link.kind == "link" else "bold"})
     ]
     for note in link.notes:
-        bold = note.startswith(OPERATIONAL) or note.startswith(ACTIVE)
-        lines.append((note, {"fontsize": LABEL_SIZE, "fontweight": "bold" if bold else "normal"}))
+        lines.append((note.text, {"fontsize": LABEL_SIZE, "fontweight": "bold" if note.bold else "normal"}))
     _write(axes, lines, box, ink)
 
 
@@ -396,18 +202,10 @@ def _draw_tie(axes: Axes, tie: GraphTie, layout: Layout) -> None:
         )
     )  # fmt: skip
     lines: list[tuple[str, dict[str, Any]]] = []
-    for index, text in enumerate(tie.lines):
-        bold = text.startswith(ACTIVE) or text.startswith(OPERATIONAL)
-        lines.append(
-            (
-                text,
-                {
-                    "fontsize": LABEL_SIZE,
-                    "fontstyle": "italic" if tie.kind == "closure" and index == 0 else "normal",
-                    "fontweight": "bold" if bold else "normal",
-                },
-            )
-        )
+    for line in tie.lines:
+        slant = "italic" if tie.kind == "closure" and line.role == "type" else "normal"
+        weight = "bold" if line.bold else "normal"
+        lines.append((line.text, {"fontsize": LABEL_SIZE, "fontstyle": slant, "fontweight": weight}))
     _write(axes, lines, box, style.MUTED if tie.kind == "closure" else style.INK)
 
 
@@ -422,18 +220,18 @@ def _look_of(kind: str, active: bool) -> dict[str, Any]:
 def _list_entries(graph: LinkGraph) -> list[tuple[str, str]]:
     """List what the legend explains: only what the graph holds."""
     kinds = {link.kind for link in graph.links}
-    notes = [note for link in graph.links for note in link.notes] + [t for tie in graph.ties for t in tie.lines]
+    roles = {n.role for link in graph.links for n in link.notes} | {t.role for tie in graph.ties for t in tie.lines}
     entries = [("base", "base, on the ground"), ("link", "link"), ("mobile", "mobile (free) link")]
     found: list[tuple[str, str]] = [(key, text) for key, text in entries if key in kinds]
     if any(tie.kind == "joint" and not tie.active for tie in graph.ties):
-        found.append(("joint", "passive joint"))
+        found.append(("joint", "joint"))
     if any(tie.active for tie in graph.ties):
-        found.append(("active", "active joint"))
+        found.append(("active", "active (driven) joint"))
     if any(tie.kind == "closure" for tie in graph.ties):
         found.append(("closure", "closure"))
-    if any(note.startswith(ACTIVE) for note in notes):
+    if "active" in roles:
         found.append(("sign", f"{ACTIVE}  active variable"))
-    if any(note.startswith(OPERATIONAL) for note in notes):
+    if "operational" in roles:
         found.append(("sign", f"{OPERATIONAL}  operational variable"))
     return found
 
