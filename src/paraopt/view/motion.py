@@ -16,6 +16,7 @@ from paraopt.view.content import Body, PathLine, Readout
 from paraopt.view.figures import draw_actuators, draw_margins
 from paraopt.view.page import write_page
 from paraopt.view.path_figure import draw_path
+from paraopt.view.space import list_link_kinds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,20 +26,8 @@ Array = NDArray[np.float64]
 
 def list_page_bodies(scene: Scene) -> tuple[Body, ...]:
     """List the solids of a scene with the kind that decides their colour."""
-    mechanism = scene.robot.mechanism
-    tool = {v.link for v in mechanism.variables if v.role == "operational"}
-    driven = {v.link for v in mechanism.variables if v.role == "active"}
-
-    def kind(link: str) -> str:
-        if link == "world":
-            return "obstacle"
-        if link == mechanism.base.name:
-            return "base"
-        if link in tool:
-            return "platform"
-        return "actuator" if link in driven else "robot"
-
-    return tuple(Body(b.name, b.shape, -1 if b.frame == WORLD else b.frame, kind(b.link)) for b in scene.bodies)
+    kinds = {**list_link_kinds(scene.robot.mechanism), "world": "obstacle"}
+    return tuple(Body(b.name, b.shape, -1 if b.frame == WORLD else b.frame, kinds[b.link]) for b in scene.bodies)
 
 
 def trace(problem: Problem, X: Array) -> Array:

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from paraopt.errors import DefinitionError
-from paraopt.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from paraopt.shapes import Shape
 from paraopt.spatial import finite_vector
 from paraopt.view import style
 from paraopt.view.canvas import axis_label, display_scale, in_house_style, new_figure
 from paraopt.view.content import PathLine
+from paraopt.view.space import dress_space, sample_surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +59,7 @@ def draw_path(
     clouds = [line.points for line in paths] + [point[None, :] for point in ends.values()]
     if not clouds:
         raise DefinitionError("paths is empty and there is neither start nor goal: nothing to draw")
-    low, high = _choose_limits(np.vstack(clouds), [_surface(solid) for solid in obstacles], surroundings)
+    low, high = _choose_limits(np.vstack(clouds), [sample_surface(solid) for solid in obstacles], surroundings)
     factor, unit = display_scale("m", low, high)
     low, high = factor * low, factor * high
 
@@ -74,7 +75,7 @@ def draw_path(
 
     near = 0
     for solid in obstacles:
-        surface = factor * _surface(solid)
+        surface = factor * sample_surface(solid)
         if np.any(surface.min(axis=(0, 1)) >= high) or np.any(surface.max(axis=(0, 1)) <= low):
             continue
         near += 1
@@ -110,7 +111,7 @@ def draw_path(
         axes.set_title(name, fontsize=8.5, fontweight="normal", color=style.MUTED)
         axes.set(xlim=(low[i], high[i]), ylim=(low[j], high[j]), aspect="equal", anchor="W")
         axes.set(xlabel=axis_label("xyz"[i], unit), ylabel=axis_label("xyz"[j], unit))
-    _dress_space(space, low, high, unit)
+    dress_space(space, low, high, unit)
     handles, labels = space.get_legend_handles_labels()
     if near:
         from matplotlib.patches import Patch
@@ -119,21 +120,6 @@ def draw_path(
         labels.append("obstacle" if near == 1 else "obstacles")
     figure.legend(handles, labels, loc="outside lower left", ncols=min(len(labels), 6))
     return figure
-
-
-def _dress_space(space: Any, low: NDArray[np.float64], high: NDArray[np.float64], unit: str) -> None:
-    """Give the axes in space equal scales, a plain look and names."""
-    from matplotlib.ticker import MaxNLocator
-
-    space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    space.set_box_aspect(high - low, zoom=0.96)
-    space.set_proj_type("persp", focal_length=0.6)
-    space.view_init(elev=24, azim=-58)
-    for name, axis, extent in zip("xyz", (space.xaxis, space.yaxis, space.zaxis), high - low, strict=True):
-        axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
-        axis.line.set_color("#9AA5B1")
-        axis.set_major_locator(MaxNLocator(nbins=int(np.clip(round(6 * extent / np.max(high - low)), 2, 6))))
-        axis.set_label_text(axis_label(name, unit))
 
 
 def _draw_silhouette(axes: Axes, points: NDArray[np.float64]) -> None:
@@ -163,38 +149,3 @@ def _choose_limits(
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     half = np.maximum(half, 0.2 * span) + 0.05 * span
     return middle - half, middle + half
-
-
-def _surface(solid: Shape, n_around: int = 48, n_along: int = 16) -> NDArray[np.float64]:
-    """Sample the surface of a solid as a grid of world points [m], shape (rows, columns, 3)."""
-    around = np.linspace(0.0, 2.0 * np.pi, n_around + 1)
-    match solid:
-        case Box():
-            # Four side faces and two lids collapsed to the axis.
-            half = 0.5 * np.asarray(solid.size)
-            ring = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)], dtype=float)
-            profile = [(0.0, -1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 1.0)]
-            local = np.array([[(*(r * corner), z) for corner in ring] for r, z in profile]) * half
-        case Sphere():
-            polar = np.linspace(0.0, np.pi, n_along + 1)
-            local = _revolve(solid.radius * np.sin(polar), solid.radius * np.cos(polar), around)
-        case Cylinder():
-            half_length = 0.5 * solid.length
-            radii = np.array([0.0, solid.radius, solid.radius, 0.0])
-            local = _revolve(radii, np.array([-half_length, -half_length, half_length, half_length]), around)
-        case Capsule():
-            polar = np.linspace(0.0, 0.5 * np.pi, n_along // 2 + 1)
-            cap_r, cap_z = solid.radius * np.sin(polar), solid.radius * np.cos(polar) + 0.5 * solid.length
-            local = _revolve(np.r_[cap_r, cap_r[::-1]], np.r_[cap_z, -cap_z[::-1]], around)
-        case _:
-            raise DefinitionError(
-                f"obstacle {solid.name!r} is a {type(solid).__name__}; figures draw Box, Sphere, Cylinder and Capsule"
-            )
-    points: NDArray[np.float64] = local @ solid.pose[:3, :3].T + solid.pose[:3, 3]
-    return points
-
-
-def _revolve(radii: NDArray[np.float64], heights: NDArray[np.float64], around: NDArray[np.float64]) -> Any:
-    """Turn a profile (radii and heights [m]) about z: points of shape (profile, around, 3)."""
-    rings = radii[:, None, None] * np.stack([np.cos(around), np.sin(around)], axis=-1)
-    return np.concatenate([rings, np.broadcast_to(heights[:, None, None], (*rings.shape[:2], 1))], axis=-1)
