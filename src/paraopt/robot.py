@@ -44,7 +44,9 @@ class Limits:
             values = dict(getattr(self, quantity))
             for name, value in values.items():
                 if not (_is_finite(value) and value > 0):
-                    raise DefinitionError(f"{quantity} limit of {name!r} is {value!r}; it must be finite and above 0")
+                    raise DefinitionError(
+                        f"{quantity} limit of {name!r} is {value!r}; it must be finite and above 0", limits=values
+                    )
                 values[name] = float(value)
             object.__setattr__(self, quantity, MappingProxyType(values))
         ranges = dict(self.position)
@@ -53,11 +55,13 @@ class Limits:
                 low, high = (float(b) for b in bounds)
             except (TypeError, ValueError) as error:
                 raise DefinitionError(
-                    f"position limit of {name!r} is {bounds!r}; it must be two numbers, lowest and highest value"
+                    f"position limit of {name!r} is {bounds!r}; it must be two numbers, lowest and highest value",
+                    limits=ranges,
                 ) from error
             if not low < high:
                 raise DefinitionError(
-                    f"position limit of {name!r} is ({low}, {high}); its low end must be below its high end"
+                    f"position limit of {name!r} is ({low}, {high}); its low end must be below its high end",
+                    limits=ranges,
                 )
             ranges[name] = (low, high)
         object.__setattr__(self, "position", MappingProxyType(ranges))
@@ -80,7 +84,9 @@ class Limits:
             if low > high:
                 raise DefinitionError(
                     f"position limit of {variable.name!r} is {self.position[variable.name]} {variable.unit}, which is "
-                    f"apart from the range {variable.range} {variable.unit} of its joint; let them overlap"
+                    f"apart from the range {variable.range} {variable.unit} of its joint; let them overlap",
+                    limits=self,
+                    mechanism=mechanism,
                 )
 
     def bounds(self, mechanism: Mechanism) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -143,17 +143,22 @@ class Problem:
         mechanism = self.robot.mechanism
         if isinstance(pose, Configuration):
             if pose.mechanism != mechanism:
-                raise DefinitionError(f"{label} is a configuration of another mechanism, {pose.mechanism.name!r}")
+                raise DefinitionError(
+                    f"{label} is a configuration of another mechanism, {pose.mechanism.name!r}", configuration=pose
+                )
             return
         missing = [n for n in mechanism.operational if n not in pose]
         unknown = [n for n in pose if n not in mechanism.operational]
         if missing or unknown:
             raise DefinitionError(
-                f"{label} must state {list(mechanism.operational)}; missing {missing}, not operational {unknown}"
+                f"{label} must state {list(mechanism.operational)}; missing {missing}, not operational {unknown}",
+                pose=dict(pose),
             )
         for name, value in pose.items():
             if not (isinstance(value, (int, float, np.floating, np.integer)) and np.isfinite(value)):
-                raise DefinitionError(f"{label} value of {name!r} is {value!r}; it must be a finite number")
+                raise DefinitionError(
+                    f"{label} value of {name!r} is {value!r}; it must be a finite number", pose=dict(pose)
+                )
 
     def _solve(self, label: str, pose: Mapping[str, float], origin: Configuration) -> Configuration:
         """Walk from a known configuration to a pose in small steps, so that the branch is kept."""

@@ -68,7 +68,9 @@ def sample_drives(problem: Problem, path: Path, s: Array) -> DrivePath:
     for quantity in ("velocity", "acceleration"):
         missing = [n for n, v in zip(names, limits.of(quantity, names), strict=True) if not np.isfinite(v)]
         if missing:
-            raise DefinitionError(f"actuators {missing} have no {quantity} limit; state it in Limits({quantity}=...)")
+            raise DefinitionError(
+                f"actuators {missing} have no {quantity} limit; state it in Limits({quantity}=...)", limits=limits
+            )
     points = path.points(s)
     a = len(names)
     dq = points.dX[:, :a]

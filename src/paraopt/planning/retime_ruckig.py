@@ -62,7 +62,9 @@ class JerkLimited:
         drives = sample_drives(problem, path, s)
         missing = [n for n, j in zip(drives.names, drives.jerk, strict=True) if not np.isfinite(j)]
         if missing:
-            raise DefinitionError(f"actuators {missing} have no jerk limit; state it in Limits(jerk=...)")
+            raise DefinitionError(
+                f"actuators {missing} have no jerk limit; state it in Limits(jerk=...)", limits=problem.bounds
+            )
         third = _third(path, s, len(drives.names))
         laws = [_profile(*triple) for triple in self._triples(drives, third)]
         # each profile is safe by construction; scaling it to the limits tells which one is really the fastest

@@ -67,7 +67,11 @@ class MixedSearch:
         begin = start[problem.robot.mechanism.indices(problem.independent)]
         distance = float(np.linalg.norm((goal - begin) * problem.metric))
         if distance == 0.0:
-            raise DefinitionError("start and goal are the same pose: there is nothing to plan")
+            raise DefinitionError(
+                "start and goal are the same pose: there is nothing to plan",
+                start=problem.start_configuration,
+                goal=problem.goal_configuration,
+            )
         step = self.step if self.step is not None else distance / 8.0
         last: NoPathError | None = None
         for _ in range(self.refinements + 1):
