@@ -32,6 +32,7 @@ ROOMS = (
     "shapes",
     "robot",
     "scene",
+    "sweep",
     "workspace",
     "planning",
     "modes",

@@ -18,13 +18,22 @@ from paraopt.errors import (
 from paraopt.io import load_mechanism, load_obstacles, load_robot, save_mechanism, save_robot
 from paraopt.kinematics import (
     Configuration,
+    Isotropy,
     Jacobians,
     Kinematics,
+    Leg,
     MotionSpace,
+    SingularityReport,
     Solution,
     SolveOptions,
     StateReport,
     Status,
+    VelocityModel,
+    condition_numbers,
+    eliminate_passives,
+    find_isotropic,
+    find_legs,
+    report_singularities,
     report_state,
 )
 from paraopt.mechanism import (
@@ -74,6 +83,8 @@ from paraopt.robot import Limits, Robot
 from paraopt.scene import Clearance, Scene
 from paraopt.shapes import Box, Capsule, Cylinder, Sphere
 from paraopt.spatial import transform
+from paraopt.sweep import sweep
+from paraopt.workspace import ConditioningMap, map_conditioning
 
 __version__ = "0.1.0"
 
@@ -92,15 +103,18 @@ __all__ = [
     "ClosingSpherical",
     "ClosingUniversal",
     "Coincidence",
+    "ConditioningMap",
     "Configuration",
     "Cylinder",
     "Cylindrical",
     "DefinitionError",
     "Fixed",
     "InfeasibleError",
+    "Isotropy",
     "Jacobians",
     "JerkLimited",
     "Kinematics",
+    "Leg",
     "Limits",
     "LineContact",
     "Margins",
@@ -128,6 +142,7 @@ __all__ = [
     "Scene",
     "Seed",
     "Series",
+    "SingularityReport",
     "Solution",
     "SolveError",
     "SolveOptions",
@@ -141,17 +156,25 @@ __all__ = [
     "Trajectory",
     "Universal",
     "UnknownNameError",
+    "VelocityModel",
     "Weld",
     "build_nlp",
+    "condition_numbers",
+    "eliminate_passives",
+    "find_isotropic",
+    "find_legs",
     "load_mechanism",
     "load_obstacles",
     "load_robot",
+    "map_conditioning",
     "plan",
+    "report_singularities",
     "report_state",
     "robots",
     "save_mechanism",
     "save_robot",
     "solve_nlp",
+    "sweep",
     "transform",
     "verify",
 ]
