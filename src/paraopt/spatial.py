@@ -119,7 +119,7 @@ def finite_vector(values: Any, size: int | None, what: str) -> NDArray[np.float6
     """
     try:
         vector = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DefinitionError(f"{what} is {values!r}; it must be numbers") from error
     if vector.ndim != 1 or (size is not None and vector.shape != (size,)):
         wanted = "one-dimensional" if size is None else f"of {size} components"
@@ -146,7 +146,7 @@ def check_pose(X: Any, what: str, tolerance: float = 1e-9) -> NDArray[np.float64
     """
     try:
         pose = np.array(X, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DefinitionError(f"{what} is {X!r}; it must be a 4 x 4 matrix of numbers") from error
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
         raise DefinitionError(f"{what} must be a finite 4 x 4 matrix; its shape is {pose.shape}")

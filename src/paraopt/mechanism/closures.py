@@ -33,7 +33,7 @@ def as_direction(value: Any, what: str) -> Vector:
         x, y, z = (sign * c + 0.0 for c in _UNIT[axis])
         return (x, y, z)
     vector = as_point(value, what)
-    if not any(vector):
+    if not np.linalg.norm(vector) > 1e-150:  # below, its square is zero
         raise DefinitionError(f"{what} is {vector}; it must not be zero")
     return vector
 
@@ -61,6 +61,9 @@ class Closure:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise DefinitionError(f"name of a closure is {self.name!r}; it must be a string")
+        for side in ("link_A", "link_B"):
+            if not isinstance(getattr(self, side), str):
+                raise DefinitionError(f"{side} of a closure is {getattr(self, side)!r}; it must be the name of a link")
         self._set("name", self.name or f"{self.link_A} = {self.link_B}")
         for field in fields(self):  # type: ignore[arg-type]
             kind, side = field.name.split("_")[0], field.name[-1]
@@ -312,7 +315,7 @@ class ClosingJoint(Closure):
     def __post_init__(self) -> None:
         super().__post_init__()
         chosen = getattr(self, "construction", None)
-        if self.constructions and chosen not in self.constructions:
+        if self.constructions and not (isinstance(chosen, str) and chosen in self.constructions):
             raise DefinitionError(
                 f"construction of closure {self.name!r} is {chosen!r}; it must be one of {self.constructions}"
             )
@@ -320,7 +323,7 @@ class ClosingJoint(Closure):
         if spread is not None:
             try:
                 value = float(spread)
-            except (TypeError, ValueError) as error:
+            except (TypeError, ValueError, OverflowError) as error:
                 raise DefinitionError(f"spread of closure {self.name!r} is {spread!r}; it must be a number") from error
             if not (np.isfinite(value) and value > 0):
                 raise DefinitionError(f"spread of closure {self.name!r} is {value} m; it must be finite and above 0")

@@ -5,9 +5,9 @@ A joint's placement in its father's frame belongs to the link that it carries (`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,27 @@ from paraopt.spatial import AXES
 Kind = Literal["angle", "length"]
 Range = tuple[float, float]
 UNLIMITED: Range = (-np.inf, np.inf)
+
+
+def as_tuple(values: Any, what: str) -> tuple[Any, ...]:
+    """Read a sequence; a lone string, a mapping and a set are none."""
+    if isinstance(values, (str, bytes, Mapping, Set)) or not isinstance(values, Iterable):
+        raise DefinitionError(f"{what} is {values!r}; it must be a sequence")
+    try:
+        return tuple(values)
+    except TypeError as error:  # an array without dimension says that it is iterable
+        raise DefinitionError(f"{what} is {values!r}; it must be a sequence") from error
+
+
+def as_range(values: Any, what: str) -> Range:
+    """Read a range: the lowest value [rad or m], then the highest, either of them possibly infinite."""
+    try:
+        low, high = (float(v) for v in as_tuple(values, what))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DefinitionError(f"{what} is {values!r}; it must be two numbers") from error
+    if np.isnan(low) or np.isnan(high) or not low < high:
+        raise DefinitionError(f"{what} is ({low}, {high}); its low end must be below its high end")
+    return low, high
 
 
 @dataclass(frozen=True)
@@ -38,22 +59,29 @@ class Motion:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise DefinitionError(f"name of a variable is {self.name!r}; it must be a non-empty string")
-        if self.axis not in AXES:
+        if not isinstance(self.axis, str) or self.axis not in AXES:
             raise DefinitionError(f"axis of {self.name!r} is {self.axis!r}; it must be one of {AXES}")
-        if self.kind not in ("angle", "length"):
+        if not isinstance(self.kind, str) or self.kind not in ("angle", "length"):
             raise DefinitionError(f"kind of {self.name!r} is {self.kind!r}; it must be 'angle' or 'length'")
-        try:
-            low, high = (float(v) for v in self.range)
-        except (TypeError, ValueError) as error:
-            raise DefinitionError(f"range of {self.name!r} is {self.range!r}; it must be two numbers") from error
-        if np.isnan(low) or np.isnan(high) or not low < high:
-            raise DefinitionError(f"range of {self.name!r} is ({low}, {high}); its low end must be below its high end")
-        object.__setattr__(self, "range", (low, high))
+        object.__setattr__(self, "range", as_range(self.range, f"range of {self.name!r}"))
 
 
 @dataclass(frozen=True)
 class Joint:
     """Group the motions that one joint allows; the members of the family fill `motions`."""
+
+    def __post_init__(self) -> None:
+        owner = f"{type(self).__name__.lower()} joint {getattr(self, 'name', getattr(self, 'names', ''))!r}"
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if f.name == "range":
+                value = as_range(value, f"range of {getattr(self, 'name', None)!r}")
+            elif f.name == "ranges" and value is not None:
+                value = tuple(as_range(v, f"range of {owner}") for v in as_tuple(value, f"ranges of {owner}"))
+            elif f.name == "axes" or (f.name == "names" and not isinstance(value, str)):
+                value = as_tuple(value, f"{f.name} of {owner}")
+            object.__setattr__(self, f.name, value)
+        _ = self.motions  # a faulty description is refused here, not at the first use
 
     @property
     def motions(self) -> tuple[Motion, ...]:
@@ -172,7 +200,7 @@ class Universal(Joint):
 
     @property
     def motions(self) -> tuple[Motion, ...]:
-        if len(self.axes) != 2 or self.axes[0] == self.axes[1]:
+        if len(self.axes) != 2 or not all(isinstance(a, str) for a in self.axes) or self.axes[0] == self.axes[1]:
             raise DefinitionError(f"universal joint {self.names!r} has axes {self.axes!r}; it needs two different axes")
         names, ranges = _names(self.names, self.axes, "universal"), _ranges(self.ranges, 2, "universal")
         return tuple(Motion(n, "angle", a, r) for n, a, r in zip(names, self.axes, ranges, strict=True))

@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+import numpy as np
+
 from paraopt.errors import DefinitionError, unknown_name
-from paraopt.mechanism.joints import UNLIMITED, Fixed, Joint, Kind, Motion, Range, as_order
+from paraopt.mechanism.joints import UNLIMITED, Fixed, Joint, Kind, Motion, Range, as_order, as_range, as_tuple
 from paraopt.spatial import finite_vector
 
 # kind and axis of each coordinate that a free link may have, in the order in which they are applied
@@ -29,6 +31,8 @@ def as_point(values: Sequence[float], what: str) -> tuple[float, float, float]:
     vector = finite_vector(values, None, what)
     if vector.size not in (2, 3):
         raise DefinitionError(f"{what} is {vector.tolist()}; it must have two or three coordinates")
+    if np.max(np.abs(vector)) > 1e150:  # its square would overflow
+        raise DefinitionError(f"{what} is {vector.tolist()}; every component must be below 1e150")
     padded = [*vector.tolist(), 0.0]
     return (padded[0], padded[1], padded[2])
 
@@ -95,6 +99,8 @@ class Series(Link):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not isinstance(self.father, str):
+            raise DefinitionError(f"father of link {self.name!r} is {self.father!r}; it must be the name of a link")
         if not isinstance(self.joint, Joint):
             raise DefinitionError(f"joint of link {self.name!r} is {self.joint!r}; it must be a Joint")
         object.__setattr__(self, "at", as_point(self.at, f"placement of link {self.name!r}"))
@@ -132,20 +138,26 @@ class Mobile(Link):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "order", as_order(self.order, f"mobile link {self.name!r}"))
+        if not isinstance(self.prefix, str):
+            raise DefinitionError(f"prefix of mobile link {self.name!r} is {self.prefix!r}; it must be a string")
         free: Sequence[str] = tuple(FREE_COORDINATES)
         if self.coordinates is not None:
-            coordinates = tuple(self.coordinates)
+            coordinates = as_tuple(self.coordinates, f"coordinates of mobile link {self.name!r}")
             for c in coordinates:
-                if c not in FREE_COORDINATES:
+                if not isinstance(c, str) or c not in FREE_COORDINATES:
                     raise unknown_name(f"coordinate of mobile link {self.name!r}", c, FREE_COORDINATES)
             if len({FREE_COORDINATES[c] for c in coordinates}) != len(coordinates):
                 raise DefinitionError(f"mobile link {self.name!r} has coordinates {coordinates!r}: one is doubled")
             object.__setattr__(self, "coordinates", coordinates)
             free = coordinates
-        for c in self.ranges:
+        if not isinstance(self.ranges, Mapping):
+            raise DefinitionError(f"ranges of mobile link {self.name!r} are {self.ranges!r}; they must be a mapping")
+        ranges = {}
+        for c, given in self.ranges.items():
             if c not in free:
                 raise unknown_name(f"coordinate in the ranges of mobile link {self.name!r}", c, free)
-        object.__setattr__(self, "ranges", MappingProxyType(dict(self.ranges)))
+            ranges[c] = as_range(given, f"range of {self.prefix + c!r}")
+        object.__setattr__(self, "ranges", MappingProxyType(ranges))
         _ = self.motions  # a faulty range is refused here, not at the first use
 
     @property

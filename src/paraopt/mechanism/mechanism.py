@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -11,7 +11,7 @@ import numpy as np
 
 from paraopt.errors import DefinitionError, unknown_name
 from paraopt.mechanism.closures import Closure
-from paraopt.mechanism.joints import Kind, Motion, Range
+from paraopt.mechanism.joints import Kind, Motion, Range, as_tuple
 from paraopt.mechanism.links import PLANAR_COORDINATES, Base, Link, Mobile, Series
 
 Role = Literal["active", "passive", "operational"]
@@ -69,15 +69,14 @@ class Mechanism:
 
     def __post_init__(self) -> None:
         for field in ("links", "closures", "active", "operational"):
-            value = getattr(self, field)
-            if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
-                raise DefinitionError(f"{field} of {self.name!r} is {value!r}; it must be a sequence")
-            object.__setattr__(self, field, tuple(value))
+            object.__setattr__(self, field, as_tuple(getattr(self, field), f"{field} of {self.name!r}"))
         if not isinstance(self.name, str) or not self.name:
             raise DefinitionError(f"name of a mechanism is {self.name!r}; it must be a non-empty string")
         for link in self.links:
             if not isinstance(link, (Base, Series, Mobile)):
                 raise DefinitionError(f"{self.name!r} has {link!r} among its links; it must be Base, Series or Mobile")
+        if not isinstance(self.planar, (bool, np.bool_)):
+            raise DefinitionError(f"planar of {self.name!r} is {self.planar!r}; it must be True or False")
         if self.planar:
             self._complete_planar_links()
         self._check_links()
@@ -87,7 +86,7 @@ class Mechanism:
             stated = self.characteristic_length
             try:
                 length = float(stated)
-            except (TypeError, ValueError) as error:
+            except (TypeError, ValueError, OverflowError) as error:
                 raise DefinitionError(
                     f"characteristic length of {self.name!r} is {stated!r}; it must be a number of metres"
                 ) from error
@@ -232,7 +231,7 @@ class Mechanism:
         _check_unique("variable", declared, self.name)
         for role in ("active", "operational"):
             for name in getattr(self, role):
-                if name not in declared:
+                if not isinstance(name, str) or name not in declared:
                     raise unknown_name(f"{role} variable of {self.name!r}", name, declared)
             _check_unique(f"{role} variable", getattr(self, role), self.name)
         both = [name for name in self.active if name in self.operational]
