@@ -1,0 +1,251 @@
+"""Singularities at one configuration: which kind, how far, what becomes free, and which way leads out.
+
+All distances are singular values of scaled matrices: lengths are divided by the characteristic length. With the columns
+of V an orthonormal basis of the motions that the closures allow (`MotionSpace`), they are
+
+* parallel: of the active rows of V; at zero some motion needs no drive;
+* serial: of the operational rows of V; at zero some drive moves while the platform rests;
+* serial of one leg: of the leg's block of [M N];
+* of the constraints: of E itself; at zero the closures allow one motion more than elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from paraopt.errors import DefinitionError
+from paraopt.kinematics.configuration import Configuration
+from paraopt.kinematics.legs import Leg, find_legs
+from paraopt.kinematics.margins import Determinants
+from paraopt.kinematics.model import Kinematics
+from paraopt.kinematics.ranks import RANK_TOLERANCE, compute_rank, null_space
+from paraopt.kinematics.samples import GeneralState, SampleOptions, find_general_state, useful_motions
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FreeMotion:
+    """Hold a velocity of the whole mechanism that the closures allow, of length one in scaled units.
+
+    Attributes:
+        velocities: Velocity of every variable by name [m/s or rad/s].
+        twist: Linear velocity of the platform's origin [m/s] and its angular velocity [rad/s] in the world, shape (6,).
+        moving: Names of the variables that move by more than a thousandth of the largest, largest first.
+    """
+
+    velocities: Mapping[str, float]
+    twist: Array
+    moving: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Singularity:
+    """Tell how near a configuration is to one kind of singularity.
+
+    Attributes:
+        kind: "parallel", "serial" or "constraint".
+        leg: Name of the leg that is serially singular; empty where the whole mechanism is meant.
+        distance: Scaled singular value [1], with the sign of the determinant where the matrix is square; it is zero at
+            the singularity and changes its sign across.
+        motion: What becomes free at zero: with the drives at rest (parallel), with the platform at rest (serial), or
+            the one motion more (constraint).
+        escape: Motion along which |distance| grows fastest, None where it grows along none at first order.
+        rate: Growth of |distance| along it, per characteristic length or radian of scaled motion.
+        is_singular: Whether |distance| is below the tolerance.
+    """
+
+    kind: str
+    leg: str
+    distance: float
+    motion: FreeMotion
+    escape: FreeMotion | None
+    rate: float
+    is_singular: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SingularityReport:
+    """Hold the distances to all kinds of singularities at one configuration.
+
+    Attributes:
+        mechanism_name: Name of the mechanism.
+        parallel: Distance at which the platform is no longer held by the drives.
+        serial: Distance at which a drive moves nothing.
+        legs: Serial distance of each leg, in the order of `find_legs`.
+        constraint: Distance at which the closures themselves lose rank.
+        architectural: Kinds that are singular at every configuration around: a fault of the dimensions, or of the
+            choice of variables, not of the pose.
+        tolerance: Distance below which a configuration counts as singular [1].
+    """
+
+    mechanism_name: str
+    parallel: Singularity
+    serial: Singularity
+    legs: tuple[Singularity, ...]
+    constraint: Singularity
+    architectural: tuple[str, ...]
+    tolerance: float
+
+    @property
+    def singular_legs(self) -> tuple[str, ...]:
+        """Name the legs that are serially singular."""
+        return tuple(leg.leg for leg in self.legs if leg.is_singular)
+
+    @property
+    def kind(self) -> str:
+        """Say in words which kinds apply here."""
+        words: list[str] = []
+        if self.parallel.is_singular:
+            always = "parallel" in self.architectural
+            words.append("architectural (parallel at every pose)" if always else "parallel")
+        if self.serial.is_singular or self.singular_legs:
+            drives = self.singular_legs or self.serial.motion.moving[:1]
+            where = " at every pose" if "serial" in self.architectural else ""
+            words.append(f"serial{where} ({', '.join(repr(d) for d in drives)})")
+        if self.constraint.is_singular:
+            words.append("of the constraints")
+        return " and ".join(words) or "regular"
+
+    def __str__(self) -> str:
+        lines = [f"{self.mechanism_name}: {self.kind}"]
+        for s in (self.parallel, self.serial, *self.legs, self.constraint):
+            name = f"{s.kind} {s.leg!r}" if s.leg else s.kind
+            out = f", grows by {s.rate:.3g} along its escape" if s.escape else ", stationary"
+            lines.append(f"  {name:24} {s.distance:+.6f}{out}; free: {', '.join(s.motion.moving[:4])}")
+        return "\n".join(lines)
+
+
+def report_singularities(
+    kinematics: Kinematics,
+    configuration: Configuration,
+    tolerance: float = 1e-6,
+    determinants: Determinants | None = None,
+    samples: SampleOptions | None = None,
+) -> SingularityReport:
+    """Measure the distance to every kind of singularity, with the free motion and the way out.
+
+    Args:
+        kinematics: The mechanism's functions.
+        configuration: Where to look.
+        tolerance: Distance below which a configuration counts as singular [1].
+        determinants: Choice of rows and columns for the signs of parallel and serial distances; chosen here when None.
+            Signs at two configurations compare when both used the same choice.
+        samples: Configurations around it that stand for the general case.
+
+    Returns:
+        Signed, scaled distances, free motions and escapes.
+
+    Raises:
+        DefinitionError: The tolerance is not a finite number above 0.
+
+    Source: GosselinAngeles1990; Lahouar, II.26; Lahouar, II.27; Chablat1998.
+    """
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise DefinitionError(f"tolerance of singularities is {tolerance!r}; it must be finite and above 0")
+    place = _Place(kinematics, configuration, find_general_state(kinematics, configuration, samples), tolerance)
+    chosen = determinants or Determinants.at(kinematics, configuration)
+    signs = [float(s[0]) for s in chosen.signs(configuration.X)]
+    mechanism = kinematics.mechanism
+    parallel, lost_p = place.judge_motions("parallel", mechanism.active, signs[0])
+    serial, lost_s = place.judge_motions("serial", mechanism.operational, signs[1])
+    return SingularityReport(
+        mechanism_name=mechanism.name,
+        parallel=parallel,
+        serial=serial,
+        legs=tuple(place.judge_leg(leg) for leg in find_legs(kinematics)),
+        constraint=place.judge_constraints(),
+        architectural=tuple(k for k, lost in (("parallel", lost_p), ("serial", lost_s)) if lost),
+        tolerance=tolerance,
+    )
+
+
+class _Place:
+    """Judge one configuration; matrices are scaled."""
+
+    def __init__(
+        self, kinematics: Kinematics, configuration: Configuration, general: GeneralState, tolerance: float
+    ) -> None:
+        self.kinematics, self.X, self.general, self.tolerance = kinematics, configuration.X, general, tolerance
+        (self.samples,) = kinematics.functions.scaled_jacobian.batch(general.X)
+        self.E = self.samples[0]
+        self.motions = useful_motions(kinematics, self.E, general.internal)
+        self.all_motions = null_space(self.E)
+
+    def judge_motions(self, kind: str, names: Sequence[str], sign: float) -> tuple[Singularity, bool]:
+        """Judge the rows of the basis of motions of some variables, and whether they are singular at every sample."""
+        rows = self.kinematics.mechanism.indices(names)
+        bases = [useful_motions(self.kinematics, E, self.general.internal) for E in self.samples]
+        count = min(len(rows), *(V.shape[1] for V in bases))  # as many as can be independent
+        ranks = [_absolute_rank(V[rows]) for V in bases]
+        if not self.motions.shape[1] or not count:
+            return self._conclude(kind, "", 1.0, np.zeros(len(self.X)), np.zeros(len(self.X))), False
+        u, sigma, w = _singular_triple(self.motions[rows], count)
+        motion = self.motions @ w
+        picked = np.zeros(len(self.X))
+        picked[rows] = u
+        # d(u^T V w) = multipliers . F''[., V w], because E dV = -dE V keeps V among the motions
+        multipliers = -np.linalg.pinv(self.E, rcond=RANK_TOLERANCE).T @ picked
+        signed = sigma * (sign if np.isfinite(sign) and sign != 0 else 1.0)
+        return self._conclude(kind, "", signed, motion, self._hessian(multipliers) @ motion), max(ranks) < count
+
+    def judge_leg(self, leg: Leg) -> Singularity:
+        """Judge the block of one leg."""
+        mechanism = self.kinematics.mechanism
+        rows, columns = np.array(leg.rows), np.array(mechanism.indices(leg.variables))
+        blocks = self.samples[:, rows][:, :, columns]
+        count = max(compute_rank(block).value for block in blocks)
+        u, sigma, w = _singular_triple(blocks[0], count)
+        sign = float(np.sign(np.linalg.det(blocks[0]))) if blocks.shape[1] == blocks.shape[2] else 1.0
+        motion, multipliers = np.zeros(len(self.X)), np.zeros(len(self.E))
+        motion[columns], multipliers[rows] = w, u
+        return self._conclude("serial", leg.name, sigma * (sign or 1.0), motion, self._hessian(multipliers) @ motion)
+
+    def judge_constraints(self) -> Singularity:
+        """Judge E itself."""
+        count = self.general.ranks["E"]
+        if count == 0:
+            return self._conclude("constraint", "", 1.0, np.zeros(len(self.X)), np.zeros(len(self.X)))
+        u, sigma, w = _singular_triple(self.E, count)
+        return self._conclude("constraint", "", sigma, w, self._hessian(u) @ w)
+
+    def _hessian(self, multipliers: Array) -> Array:
+        return self.kinematics.functions.closure_hessian(self.X, multipliers)[0]
+
+    def _conclude(self, kind: str, leg: str, distance: float, motion: Array, gradient: Array) -> Singularity:
+        """Turn a scaled motion and the derivative of |distance| into what a person can read."""
+        along = self.all_motions.T @ gradient
+        rate = float(np.linalg.norm(along))
+        escape = self._describe(self.all_motions @ (along / rate)) if rate > 1e-9 else None
+        singular = abs(distance) < self.tolerance
+        return Singularity(kind, leg, distance, self._describe(motion), escape, rate, singular)
+
+    def _describe(self, motion: Array) -> FreeMotion:
+        mechanism, scale = self.kinematics.mechanism, self.kinematics.graph.variable_scale
+        largest = float(np.max(np.abs(motion), initial=0.0))
+        order = np.argsort(-np.abs(motion), kind="stable")
+        moving = tuple(mechanism.names[i] for i in order if largest > 0 and abs(motion[i]) > 1e-3 * largest)
+        velocity = motion * scale
+        platform = [link.name for link in mechanism.links].index(mechanism.variables[-1].link)
+        X_W = self.kinematics.poses(self.X)[0, platform]
+        dX_W = self.kinematics.pose_velocity(self.X, velocity[None, :, None])[0, 0, platform]
+        spin = dX_W[:, :3] @ X_W[:3, :3].T
+        twist = np.concatenate([dX_W[:, 3], [spin[2, 1], spin[0, 2], spin[1, 0]]])
+        return FreeMotion(dict(zip(mechanism.names, velocity.tolist(), strict=True)), twist, moving)
+
+
+def _singular_triple(matrix: Array, count: int) -> tuple[Array, float, Array]:
+    """Give the singular value number `count` of a matrix with its left and right vectors."""
+    U, values, Vt = np.linalg.svd(matrix, full_matrices=True)
+    return U[:, count - 1], float(values[count - 1]), Vt[count - 1]
+
+
+def _absolute_rank(rows: Array) -> int:
+    """Count the singular values of rows of an orthonormal basis that are not round-off."""
+    if rows.size == 0:
+        return 0
+    return int(np.count_nonzero(np.linalg.svd(rows, compute_uv=False) > RANK_TOLERANCE))
