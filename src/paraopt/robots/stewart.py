@@ -31,8 +31,8 @@ def stewart(
 ) -> Robot:
     """Build a Gough-Stewart platform; a semi-regular one by default.
 
-    A platform whose points are a plane figure similar to that of the base is singular at every pose. There are up to 40
-    assembly modes for general points.
+    A platform whose points are a scaled copy of those of the base is singular at every pose when these lie in a plane
+    and on a conic, such as a circle. There are up to 40 assembly modes for general points.
 
     Args:
         base_points: Feet of the legs on the base [m], shape (6, 3).
