@@ -6,6 +6,7 @@ from paraopt.view.link_graph import draw_link_graph
 from paraopt.view.motion import draw_motion, list_page_bodies, write_motion_page
 from paraopt.view.page import build_page, write_page
 from paraopt.view.path_figure import draw_path
+from paraopt.view.robot_figure import draw_robot
 
 __all__ = [
     "Body",
@@ -17,6 +18,7 @@ __all__ = [
     "draw_margins",
     "draw_motion",
     "draw_path",
+    "draw_robot",
     "draw_series",
     "list_page_bodies",
     "save_figure",
