@@ -71,6 +71,6 @@ class BackendError(ParaoptError):
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> UnknownNameError:
     """Build the error for a name that does not exist, with the valid names and the closest one."""
     names = [str(v) for v in valid]
-    close = get_close_matches(str(name), names, n=1)
+    close = [v for v in names if v.casefold() == str(name).casefold()] or get_close_matches(str(name), names, n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
     return UnknownNameError(f"unknown {kind} {name!r}{hint}; valid names: {', '.join(map(repr, names)) or 'none'}")

@@ -10,6 +10,7 @@ import math
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
+from decimal import Decimal
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -19,8 +20,8 @@ from paraopt.mechanism.closures import as_direction
 from paraopt.mechanism.joints import Kind
 
 Unit = Literal["length", "angle", "mass", "none"]
-# how many of a unit make a metre; an exact divisor gives the number that a person would write in metres
-LENGTHS: Mapping[str, float] = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+# by how many places the decimal point moves towards metres
+LENGTHS: Mapping[str, int] = {"m": 0, "cm": 2, "mm": 3}
 ANGLES = ("rad", "deg")
 
 
@@ -38,8 +39,9 @@ class Units:
 
     def to_si(self, value: float, unit: Unit) -> float:
         """Convert a number of the file to m or rad."""
-        if unit == "length":
-            return value / LENGTHS[self.length]
+        if unit == "length" and LENGTHS[self.length]:
+            # 5.2 cm are the number that a person calls 0.052 m; a quotient may be its neighbour
+            return float(Decimal(repr(value)).scaleb(-LENGTHS[self.length]))
         return math.radians(value) if unit == "angle" and self.angle == "deg" else value
 
 

@@ -224,7 +224,7 @@ def _section(value: Any) -> Item:
 
 def _table(value: Mapping[str, Any]) -> Table:
     table = tomlkit.table()
-    for key, entry in value.items():
+    for key, entry in sorted(value.items(), key=lambda item: _is_tables(item[1])):  # else they would join a section
         table[key] = _section(entry) if _is_tables(entry) else _inline(entry)
     return table
 
