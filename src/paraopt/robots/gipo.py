@@ -59,7 +59,7 @@ def gipo(
     servos drive the 6 motions of the trunk redundantly; as long as the carriers count as free, 12 servos do not
     hold 18 motions, so the parallel margin is zero everywhere and II.23 cannot hold (12 equations, 18 operational
     variables). Impose the carriers of the standing feet to ask about a stance. The servos of head and tail enter no
-    closure: five idle freedoms.
+    closure: five motions of their own, driven and therefore not idle.
 
     Args:
         head_and_tail: Whether head and tail are described.
@@ -143,7 +143,7 @@ def gipo(
         # numbers of variables and equations are printed, the rest computed
         facts={
             "variables": 30 + extra, "equations": 12, "mobility": 18 + extra,
-            "rank E": 12, "rank M": 12, "rank N": 0, "rank K": 12, "idle": extra,
+            "rank E": 12, "rank M": 12, "rank N": 0, "rank K": 12, "idle": 0,
         },
     )  # fmt: skip
 
