@@ -59,7 +59,7 @@ def test_position_of_the_tool(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_third_angle_follows_from_the_five_operational_variables(seed: int) -> None:
-    """`x cos(alpha) sin(gamma) = (y cos(beta) - x sin(alpha) sin(beta)) cos(gamma)`: the tool stays in the arm's plane."""
+    """`x cos(alpha) sin(gamma) = (y cos(beta) - x sin(alpha) sin(beta)) cos(gamma)`: it stays in the arm's plane."""
     tool = tool_at(np.random.default_rng(10 + seed).uniform(-0.8, 0.8, size=5))
     x, y, alpha, beta, gamma = (tool[n] for n in ("x", "y", "alpha", "beta", "gamma"))
     side = y * np.cos(beta) - x * np.sin(alpha) * np.sin(beta)

@@ -13,7 +13,8 @@ from typing import Literal
 
 from paraopt.mechanism import Base, Coincidence, Link, Mechanism, Mobile, Prismatic, Revolute, Series
 from paraopt.mechanism.joints import Range
-from paraopt.robot import Limits, Robot
+from paraopt.robot import Robot
+from paraopt.robots.base import drive_limits
 from paraopt.shapes import Box, Capsule, Shape
 from paraopt.spatial import transform
 
@@ -132,11 +133,7 @@ def gipo(
         mechanism,
         home={**home, **dict.fromkeys(carriers, 0.0)},
         shapes=shapes,
-        limits=Limits(
-            velocity=dict.fromkeys(servos, velocity),
-            acceleration=dict.fromkeys(servos, acceleration),
-            jerk=dict.fromkeys(servos, jerk),
-        ),
+        limits=drive_limits(servos, velocity, acceleration, jerk),
         masses=_masses(head_and_tail),
         contacts={("ground", f"{leg} knee"): "the foot stands on the ground" for leg in LEGS},
         source="Lahouar, IV.3 (points, axes and stance); ranges, drive limits, masses and solids are ours",

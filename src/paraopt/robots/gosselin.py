@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from paraopt.mechanism import Base, Coincidence, Fixed, Link, Mechanism, Mobile, Revolute, Series
-from paraopt.robot import Limits, Robot
+from paraopt.robot import Robot
+from paraopt.robots.base import drive_limits
 from paraopt.shapes import Capsule, Cylinder, Shape
 
 Point = tuple[float, float, float]
@@ -92,11 +93,7 @@ def gosselin_wrist(
             **dict.fromkeys(mechanism.active, 2.76), **{f"elbow {i}": 1.75 for i in (1, 2, 3)},
         },
         shapes=shapes,
-        limits=Limits(
-            velocity=dict.fromkeys(drives, velocity),
-            acceleration=dict.fromkeys(drives, acceleration),
-            jerk=dict.fromkeys(drives, jerk),
-        ),
+        limits=drive_limits(drives, velocity, acceleration, jerk),
         masses={
             **{f"proximal {i}": 0.25 for i in (1, 2, 3)}, **{f"distal {i}": 0.15 for i in (1, 2, 3)}, "plate": 0.3,
         },

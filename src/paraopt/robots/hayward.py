@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 
 from paraopt.mechanism import Base, Coincidence, Link, Mechanism, Prismatic, Series, Spherical, Universal
-from paraopt.robot import Limits, Robot
+from paraopt.robot import Robot
+from paraopt.robots.base import drive_limits
 from paraopt.shapes import Capsule, Cylinder, Shape
 from paraopt.spatial import transform
 
@@ -84,11 +85,7 @@ def hayward_wrist(
         mechanism,
         home={**dict.fromkeys(angles, 0.0), **dict.fromkeys(actuators, reach)},
         shapes=shapes,
-        limits=Limits(
-            velocity=dict.fromkeys(actuators, velocity),
-            acceleration=dict.fromkeys(actuators, acceleration),
-            jerk=dict.fromkeys(actuators, jerk),
-        ),
+        limits=drive_limits(actuators, velocity, acceleration, jerk),
         masses={
             "plate": 0.4, **{f"cylinder {i}": 0.2 for i in range(1, 5)}, **{f"rod {i}": 0.08 for i in range(1, 5)},
         },

@@ -10,7 +10,8 @@ import math
 from collections.abc import Sequence
 
 from paraopt.mechanism import Base, Link, Mechanism, Mobile, Revolute, Series, Weld
-from paraopt.robot import Limits, Robot
+from paraopt.robot import Robot
+from paraopt.robots.base import drive_limits
 from paraopt.shapes import Box, Capsule, Cylinder, Shape
 from paraopt.spatial import transform
 
@@ -62,11 +63,7 @@ def lynx(swing: float = math.pi / 2, velocity: float = 2.0, acceleration: float 
             "q1": 0.0, "q2": -0.3, "q3": 0.4, "q4": 0.5, "q5": 0.0,
         },
         shapes=_solids(),
-        limits=Limits(
-            velocity=dict.fromkeys(servos, velocity),
-            acceleration=dict.fromkeys(servos, acceleration),
-            jerk=dict.fromkeys(servos, jerk),
-        ),
+        limits=drive_limits(servos, velocity, acceleration, jerk),
         masses={"link 1": 0.12, "link 2": 0.1, "link 3": 0.1, "link 4": 0.06, "link 5": 0.12},
         tool=("tool", (0, 0, 0)),
         source="Lahouar, annex A (axes and points); ranges, drive limits, masses, solids and home are ours",

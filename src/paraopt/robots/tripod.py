@@ -21,7 +21,8 @@ from paraopt.mechanism import (
     Series,
     Weld,
 )
-from paraopt.robot import Limits, Robot
+from paraopt.robot import Robot
+from paraopt.robots.base import drive_limits
 from paraopt.shapes import Capsule, Cylinder, Shape, Sphere
 from paraopt.spatial import transform
 
@@ -121,11 +122,7 @@ def tripod(
         mechanism,
         home=home,
         shapes=shapes,
-        limits=Limits(
-            velocity=dict.fromkeys(actuators, velocity),
-            acceleration=dict.fromkeys(actuators, acceleration),
-            jerk=dict.fromkeys(actuators, jerk),
-        ),
+        limits=drive_limits(actuators, velocity, acceleration, jerk),
         masses={
             "platform": 6.0, **{f"foot {i}": 0.5 for i in LEGS},
             **{f"actuator {s} {i}": 0.8 for i in LEGS for s in "LR"},
