@@ -147,7 +147,7 @@ def find_isotropic(
         lower[i] = upper[i] = value / scale[i]
     model = eliminate_passives(kinematics, start)
     size = model.A.shape if matrix == "A" else model.B.shape
-    if not np.isfinite(model.condition_A if matrix == "A" else model.condition_B) or size[0] < size[1]:
+    if not (model.condition_A if matrix == "A" else model.condition_B) < 1e12 or size[0] < size[1]:
         raise SolveError(
             f"{matrix} of {mechanism.name!r} has shape {size} and is singular at the start: it has no condition number "
             "there; start at a regular configuration",
