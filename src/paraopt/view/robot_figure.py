@@ -21,6 +21,7 @@ from paraopt.spatial import transform
 from paraopt.view import style
 from paraopt.view.canvas import axis_label, display_scale, in_house_style, new_figure, save_figure
 from paraopt.view.graph_content import count
+from paraopt.view.render import Camera, Solid, render
 from paraopt.view.space import dress_space, list_link_kinds, sample_surface
 
 if TYPE_CHECKING:
@@ -30,8 +31,11 @@ Array = NDArray[np.float64]
 
 COLORS = {**style.KIND_COLORS, "robot": "#B4BFCA"}
 LABELS = {"base": "base", "robot": "links", "actuator": "links moved by an actuator", "platform": "platform or tool"}
-LIGHT = np.array([-0.35, 0.5, 0.8])
-"""Direction from which light comes: to the right, upwards and towards the person who looks [1]."""
+ELEVATION, AZIMUTH = 22.0, -56.0
+"""From where a robot in space is seen [deg]."""
+
+MIN_WIDTH = 4.6
+"""Least width of a figure [in]: the legend must find room."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +96,7 @@ def draw_robot(
         pivots = [(factor * point, held) for point, held in _list_pivots(robot, where)]
         figure = _draw_flat(pieces, pivots, cloud, unit)
     else:
-        figure = _draw_space(pieces, cloud, unit)
+        figure = _draw_space(pieces, cloud, unit, resolution)
     _write_heading(figure, robot, where)
     _write_legend(figure, pieces)
     if path is not None:
@@ -116,7 +120,7 @@ def list_pieces(robot: Robot, configuration: Configuration) -> list[Piece]:
     for link in robot.mechanism.links:
         X_WL = poses[link.name]
         for solid in robot.shapes.get(link.name, ()):
-            pieces.append(Piece(kinds[link.name], _move(X_WL, sample_surface(solid, n_around=32))))
+            pieces.append(Piece(kinds[link.name], _move(X_WL, sample_surface(solid, n_around=48))))
         if link.name in robot.shapes:
             continue
         driven = kinds[link.name] in ("actuator", "platform", "base")
@@ -178,10 +182,10 @@ def _list_pivots(robot: Robot, configuration: Configuration) -> Iterator[tuple[A
 # --- In space
 
 
-def _draw_space(pieces: Sequence[Piece], cloud: Array, unit: str) -> Figure:
-    """Draw solids as shaded faces; lines become thin tubes, so that what lies in front hides them."""
+def _draw_space(pieces: Sequence[Piece], cloud: Array, unit: str, resolution: float) -> Figure:
+    """Render the solids over axes in space; lines become thin tubes, so that what lies in front hides them."""
+    from matplotlib.colors import to_rgb
     from mpl_toolkits.mplot3d import proj3d
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     span = float(np.max(high - low))
@@ -194,75 +198,66 @@ def _draw_space(pieces: Sequence[Piece], cloud: Array, unit: str) -> Figure:
     dress_space(space, low, high, unit)
     space.set_box_aspect(high - low, zoom=1.0)
     space.set_proj_type("ortho")
-    elevation, azimuth = np.radians([22.0, -56.0])
-    space.view_init(elev=float(np.degrees(elevation)), azim=float(np.degrees(azimuth)))
-    view = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    faces, colors = [], []
-    for piece in pieces:
-        for surface in _tubes(piece, 0.0035 * span) if piece.line else [piece.points]:
-            corners, normals = _list_faces(_refine(surface, span / 50.0))
-            seen = normals @ view > 0.0
-            faces.append(corners[seen])
-            colors.append(_shade(COLORS[piece.kind], normals[seen], view))
-    tints = np.vstack(colors)
-    # the borders of faces take their colour, or the paper would shine through between them
-    space.add_collection3d(Poly3DCollection(np.vstack(faces), facecolors=tints, edgecolors=tints, linewidths=0.35))
+    space.view_init(elev=ELEVATION, azim=AZIMUTH)
+    _number_axes(space, low, high)
 
     # scale and shift the square so that the box of the axes fills the figure
     space.apply_aspect()
-    box = np.array(list(itertools.product(*zip(low, high, strict=True))))
-    x, y, _ = proj3d.proj_transform(*box.T, space.get_proj())
-    shown = figure.transFigure.inverted().transform(space.transData.transform(np.column_stack([x, y])))
-    corner, size = shown.min(axis=0), np.ptp(shown, axis=0)
-    scale = float(min(4.7 / size[0], 5.4 / size[1]))
-    margins = {"left": 0.75, "right": 0.75, "bottom": 0.95, "top": 0.75}
-    width, height = (scale * size).tolist()
-    total = (width + margins["left"] + margins["right"], height + margins["bottom"] + margins["top"])
+
+    def project(points: Array) -> Array:
+        x, y, _ = proj3d.proj_transform(*points.T, space.get_proj())
+        fractions: Array = figure.transFigure.inverted().transform(space.transData.transform(np.column_stack([x, y])))
+        return side * fractions
+
+    shown = project(np.array(list(itertools.product(*zip(low, high, strict=True)))))
+    scale = float(min(4.7 / np.ptp(shown[:, 0]), 5.4 / np.ptp(shown[:, 1])))
+    width, height = (scale * np.ptp(shown, axis=0)).tolist()
+    left, bottom, top = max(0.85, 0.5 * (MIN_WIDTH - width)), 1.2, 0.75
+    total = np.array([width + 2 * left, height + bottom + top])
+    shift = np.array([left, bottom]) - scale * shown.min(axis=0)
+
+    # the projection is parallel, hence known from four points
+    origin, *ends = scale * project(middle + span * np.vstack([np.zeros(3), np.eye(3)])) + shift
+    across = np.column_stack([end - origin for end in ends]) / span
+    elevation, azimuth = np.radians([ELEVATION, AZIMUTH])
+    view = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    fine = 2.0 * resolution  # pixels per inch; halved when drawn, which smooths steps
+    camera = Camera(fine * across, fine * (origin - across @ middle), np.array(view))
+    solids = [
+        Solid(surface, to_rgb(COLORS[piece.kind]), group)
+        for group, piece in enumerate(pieces)
+        for surface in (_tubes(piece, 0.0035 * span) if piece.line else [piece.points])
+    ]
+    columns, rows = (round(v) for v in (fine * total).tolist())
+    picture = render(solids, camera, columns, rows)
+
     figure.set_size_inches(*total)
-    origin = np.array([margins["left"], margins["bottom"]]) - scale * corner
-    space.set_position((*(origin / total), *(scale / np.array(total))))
+    space.set_position((*(shift / total), *(scale * side / total)))
+    over = figure.add_axes((0.0, 0.0, columns / fine / total[0], rows / fine / total[1]))
+    over.imshow(picture, origin="lower", aspect="auto", interpolation="antialiased")
+    over.set_axis_off()
     return figure
 
 
-def _refine(surface: Array, length: float) -> Array:
-    """Cut the faces of a grid so that none is longer: painted from back to front, long ones would hide wrongly."""
-    for axis in (0, 1):
-        steps = np.max(np.linalg.norm(np.diff(surface, axis=axis), axis=-1), axis=1 - axis)
-        counts = np.maximum(1, np.ceil(steps / length)).astype(int)
-        places = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(counts))])
-        lower = np.minimum(places.astype(int), surface.shape[axis] - 2)
-        share = np.expand_dims(places - lower, (1, 2) if axis == 0 else (0, 2))
-        surface = (1.0 - share) * surface.take(lower, axis) + share * surface.take(lower + 1, axis)
-    return surface
+def _number_axes(space: Any, low: Array, high: Array) -> None:
+    """Choose few numbers, none where two axes meet, and keep them and the names clear of the axes."""
+    from matplotlib.ticker import MaxNLocator
 
-
-def _list_faces(surface: Array) -> tuple[Array, Array]:
-    """Give the corners of the faces of a grid, shape (n, 4, 3), and their normals that point outwards, shape (n, 3)."""
-    grid = (surface[:-1, :-1], surface[1:, :-1], surface[1:, 1:], surface[:-1, 1:])
-    corners = np.stack(grid, axis=2).reshape(-1, 4, 3)
-    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    lengths = np.linalg.norm(normals, axis=1)
-    kept = lengths > 1e-12 * np.max(lengths)
-    corners, normals = corners[kept], normals[kept] / lengths[kept, None]
-    outwards = np.einsum("ij,ij->i", normals, corners.mean(axis=1) - surface.reshape(-1, 3).mean(axis=0))
-    return corners, normals * np.where(outwards < 0.0, -1.0, 1.0)[:, None]
-
-
-def _shade(color: str, normals: Array, view: Array) -> Array:
-    """Lighten a colour where a face looks to the light, darken it elsewhere; shape (n, 3)."""
-    from matplotlib.colors import to_rgb
-
-    right = np.cross([0.0, 0.0, 1.0], view)
-    right /= np.linalg.norm(right)
-    towards = LIGHT[0] * right + LIGHT[1] * np.cross(view, right) + LIGHT[2] * view
-    bright = np.clip(normals @ (towards / np.linalg.norm(towards)), 0.0, 1.0)[:, None]
-    tint = np.array(to_rgb(color))
-    shaded: Array = np.clip((0.5 + 0.5 * bright) * tint + 0.22 * bright**4, 0.0, 1.0)
-    return shaded
+    extents = high - low
+    # where the numbers of x end those of y begin; matplotlib shifts numbers in proportion to the other extents
+    shares = {space.xaxis: (0.04, 0.88), space.yaxis: (0.12, 0.96), space.zaxis: (0.0, 1.0)}
+    for k, (axis, (first, last)) in enumerate(shares.items()):
+        locator = MaxNLocator(nbins=int(np.clip(round(6 * extents[k] / extents.max()), 3, 6)))
+        start, end = low[k] + first * extents[k], low[k] + last * extents[k]
+        axis.set_ticks([value for value in locator.tick_values(low[k], high[k]) if start <= value <= end])
+    slim = float(min(extents.max() / max(extents[0], extents[1]), 4.0))
+    space.zaxis.set_tick_params(pad=11.0 * slim - 8.0)
+    space.xaxis.labelpad = space.yaxis.labelpad = 6.0
+    space.zaxis.labelpad = 25.0 * slim - 21.0
 
 
 def _tubes(piece: Piece, radius: float) -> list[Array]:
-    """Turn a line into thin tubes, a dashed one into a row of them."""
+    """Turn a line into thin tubes, a dashed one into a row of them, and a dot into a ball."""
     if len(piece.points) == 1:
         return [sample_surface(Sphere(radius=5.0 * radius, pose=transform(piece.points[0])), n_around=24)]
     tubes = []
@@ -293,7 +288,7 @@ def _draw_flat(pieces: Sequence[Piece], pivots: Sequence[tuple[Array, bool]], cl
     scale = float(min(5.2 / (2 * half[0]), 5.2 / (2 * half[1])))
     width, height = (2.0 * half * scale).tolist()
     left, bottom = 0.75, 1.0
-    total = (max(width + left + 0.3, 5.0), height + bottom + 0.75)
+    total = (max(width + left + 0.3, MIN_WIDTH), height + bottom + 0.75)
     left += 0.5 * (total[0] - (width + left + 0.3))
     figure = new_figure(*total)
     figure.set_layout_engine("none")
