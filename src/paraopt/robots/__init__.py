@@ -10,12 +10,18 @@ from paraopt.robots.larm import larm_planar, larm_spatial
 from paraopt.robots.lee import lee
 from paraopt.robots.logabex import logabex
 from paraopt.robots.lynx import lynx
+from paraopt.robots.planar_platform import planar_platform
 from paraopt.robots.raf import raf
+from paraopt.robots.serial_2r import serial_2r
+from paraopt.robots.serial_2rp import serial_2rp
 from paraopt.robots.six_three import six_three
 from paraopt.robots.stewart import stewart
+from paraopt.robots.three_rpr import three_rpr, three_rpr_innocenti
+from paraopt.robots.three_rrr import three_rrr
 from paraopt.robots.three_upu import three_upu
 from paraopt.robots.tripod import tripod
 from paraopt.robots.two_delta import two_delta
+from paraopt.robots.two_rpr import two_rpr
 
 __all__ = [
     "delta",
@@ -29,10 +35,17 @@ __all__ = [
     "lee",
     "logabex",
     "lynx",
+    "planar_platform",
     "raf",
+    "serial_2r",
+    "serial_2rp",
     "six_three",
     "stewart",
+    "three_rpr",
+    "three_rpr_innocenti",
+    "three_rrr",
     "three_upu",
     "tripod",
     "two_delta",
+    "two_rpr",
 ]
