@@ -28,21 +28,22 @@ def tips(robot: po.Robot, X: np.ndarray) -> np.ndarray:
 
 
 def test_counts_and_ranks() -> None:
-    """Printed: 33 links of joints and closures; N = 35, 12 equations, m = 23; 18 without head and tail."""
+    """Counted in tables IV.3 and IV.4: N = 6 + 17 + 12 = 35, 4 coincidences, m = 23; 18 without head and tail."""
     report = po.report_state(gipo().kinematics, gipo().home_configuration)
     assert (report.n_variables, report.n_equations, report.ranks["E"].value, report.mobility) == (35, 12, 12, 23)
-    assert gipo().kinematics.idle == ("neck 1", "neck 2", "head", "jaw", "tail")  # in no closure
+    assert report.idle == gipo().mechanism.passive == ("neck 1", "neck 2", "head", "jaw", "tail")
     body = po.robots.gipo(head_and_tail=False)
     report = po.report_state(body.kinematics, body.home_configuration)
     assert (report.n_variables, report.ranks["E"].value, report.mobility) == (30, 12, 18)
-    assert body.kinematics.idle == ()
+    assert report.idle == body.mechanism.passive == ()
 
 
 def test_seventeen_servos() -> None:
     """Three in each leg, four in the head, one in the tail."""
-    assert len(gipo().mechanism.active) == 17
+    assert len(gipo().mechanism.active) == 3 * 4
+    assert len(gipo().mechanism.passive) == 4 + 1
+    assert len(gipo().limits.velocity) == 17
     assert len(gipo().mechanism.operational) == 6 + 12
-    assert gipo().mechanism.passive == ()
 
 
 def test_tips_stand_on_the_printed_feet() -> None:

@@ -56,11 +56,11 @@ def gipo(
     with a point of a *carrier*, which three translations move over the ground: zero is the foot's place at rest.
 
     Roles follow the source's way to walk: the pose of the trunk and the places of the four feet are imposed, hence
-    operational (18); the servos follow, hence active (12 in the legs); nothing is passive. With every foot held, the 12
-    servos drive the 6 motions of the trunk redundantly; as long as the carriers count as free, 12 servos do not
-    hold 18 motions, so the parallel margin is zero everywhere and II.23 cannot hold (12 equations, 18 operational
-    variables). Impose the carriers of the standing feet to ask about a stance. The servos of head and tail enter no
-    closure: five motions of their own, driven and therefore not idle.
+    operational (18); the servos of the legs follow, hence active (12). The servos of head and tail enter no closure and
+    take no part in walking: passive, five idle freedoms that every solve leaves where they are. With every foot held,
+    the 12 servos drive the 6 motions of the trunk redundantly; as long as the carriers count as free, 12 servos do not
+    hold 18 motions, so the parallel margin is zero everywhere, and II.23 cannot hold (12 equations, 18 operational
+    variables). Impose the carriers of the standing feet to ask about a stance.
 
     Args:
         head_and_tail: Whether head and tail are described.
@@ -124,23 +124,23 @@ def gipo(
     if head_and_tail:
         for name, axis, at, father in HEAD_AND_TAIL:
             links.append(Series(name, father, _mm(at), Revolute(name, axis=axis, range=servo)))
-            servos.append(name)
+    others = [name for name, *_ in HEAD_AND_TAIL] if head_and_tail else []
     mechanism = Mechanism(
         "GIPO", links, closures, active=servos, operational=("x", "y", "z", "alpha", "beta", "gamma", *carriers)
     )
-    extra = len(HEAD_AND_TAIL) if head_and_tail else 0
+    extra = len(others)
     return Robot(
         mechanism,
         home={**home, **dict.fromkeys(carriers, 0.0)},
         shapes=shapes,
-        limits=drive_limits(servos, velocity, acceleration, jerk),
+        limits=drive_limits([*servos, *others], velocity, acceleration, jerk),
         masses=_masses(head_and_tail),
         contacts={("ground", f"{leg} knee"): "the foot stands on the ground" for leg in LEGS},
         source="Lahouar, IV.3 (points, axes and stance); ranges, drive limits, masses and solids are ours",
-        # numbers of variables and equations are printed, the rest computed
+        # variables and equations are counted in the printed tables, the rest is computed
         facts={
             "variables": 30 + extra, "equations": 12, "mobility": 18 + extra,
-            "rank E": 12, "rank M": 12, "rank N": 0, "rank K": 12, "idle": 0,
+            "rank E": 12, "rank M": 12, "rank N": 0, "rank K": 12, "idle": extra,
         },
     )  # fmt: skip
 
@@ -152,7 +152,7 @@ def _trunk(head_and_tail: bool) -> dict[str, Sequence[Shape]]:
     floor = Box(size=(0.9, 0.5, thickness), pose=transform((0.14, 0, top - thickness / 2)), name="ground")
     shapes: dict[str, Sequence[Shape]] = {
         "ground": [floor],
-        "trunk": [Box(size=(0.23, 0.06, 0.05), pose=transform((0.04, 0, -0.02)), name="trunk")],
+        "trunk": [Box(size=(0.265, 0.06, 0.05), pose=transform((0.0575, 0, -0.02)), name="trunk")],
     }
     if head_and_tail:
         shapes |= {

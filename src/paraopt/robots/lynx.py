@@ -38,7 +38,7 @@ def lynx(swing: float = math.pi / 2, velocity: float = 2.0, acceleration: float 
         jerk: Largest jerk of a servo [rad/s^3]; ours.
 
     Returns:
-        The robot: 11 variables, 12 closure equations of rank 6, mobility 5 (all printed).
+        The robot: 11 variables, 12 closure equations of rank 6, mobility 5.
 
     Source: Lahouar, A.1.
     """
@@ -67,7 +67,7 @@ def lynx(swing: float = math.pi / 2, velocity: float = 2.0, acceleration: float 
         masses={"link 1": 0.12, "link 2": 0.1, "link 3": 0.1, "link 4": 0.06, "link 5": 0.12},
         tool=("tool", (0, 0, 0)),
         source="Lahouar, annex A (axes and points); ranges, drive limits, masses, solids and home are ours",
-        # the first three are printed, the others computed
+        # variables and equations are those of the printed equations, of which 6 are needed; the other ranks are computed
         facts={
             "variables": 11, "equations": 12, "mobility": 5,
             "rank E": 6, "rank M": 5, "rank N": 1, "rank K": 5, "idle": 0,
