@@ -67,7 +67,7 @@ def lynx(swing: float = math.pi / 2, velocity: float = 2.0, acceleration: float 
         masses={"link 1": 0.12, "link 2": 0.1, "link 3": 0.1, "link 4": 0.06, "link 5": 0.12},
         tool=("tool", (0, 0, 0)),
         source="Lahouar, annex A (axes and points); ranges, drive limits, masses, solids and home are ours",
-        # variables and equations are those of the printed equations, of which 6 are needed; the other ranks are computed
+        # variables and equations are printed, of which 6 are needed; the other ranks are computed
         facts={
             "variables": 11, "equations": 12, "mobility": 5,
             "rank E": 6, "rank M": 5, "rank N": 1, "rank K": 5, "idle": 0,
