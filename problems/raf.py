@@ -40,7 +40,9 @@ class Parameters:
     box: tuple[float, float, float, float] = (0.06, 0.6, 0.3, 0.545)
     """Sizes along x, y, z and lower face of the box [m]."""
     limits: tuple[float, float, float] = (0.1, 0.5, 10.0)
-    """Velocity [m/s], acceleration [m/s^2] and jerk [m/s^3] of the jacks."""
+    """Velocity [m/s], acceleration [m/s^2] and jerk [m/s^3] of the jacks; those of the file where a robot is read."""
+    robot: Path | None = None
+    """TOML file of the robot; that of the library when not given."""
     margins: po.Margins = field(default_factory=po.Margins)
     """Clearance [m] and distance to singularities."""
     retimer: Literal["toppra", "ruckig"] = "toppra"
@@ -56,7 +58,8 @@ class Parameters:
 def build_problem(p: Parameters) -> po.Problem:
     """Place the robot and the obstacle."""
     velocity, acceleration, jerk = p.limits
-    robot = po.robots.raf(velocity=velocity, acceleration=acceleration, jerk=jerk)
+    library = po.robots.raf(velocity=velocity, acceleration=acceleration, jerk=jerk)
+    robot = po.load_robot(p.robot) if p.robot else library
     (x, y), (radius, length, bottom), (*size, face) = p.obstacle, p.cylinder, p.box
     obstacles: dict[str, list[po.Cylinder | po.Box]] = {
         "free": [],

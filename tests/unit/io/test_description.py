@@ -26,6 +26,18 @@ ROOT = Path(__file__).resolve().parents[3]
 ROBOTS: dict[str, Callable[[], po.Robot]] = {"five-bar": five_bar_robot, "RAF": raf_robot}
 
 FIVE_BAR = (ROOT / "problems" / "five_bar.toml").read_text(encoding="utf-8")
+WITH_CONTACTS = (
+    FIVE_BAR
+    + """
+[[contacts]]
+links = ["proximal 1", "proximal 2"]
+reason = "bars run on different levels"
+
+[[contacts]]
+links = ["distal 1", "proximal 2"]
+reason = "bars run on different levels"
+"""
+)
 
 
 @pytest.fixture
@@ -196,9 +208,17 @@ def test_a_new_type_is_one_line() -> None:
 
 
 def test_the_file_of_problems_is_the_robot_of_the_library() -> None:
-    robot = po.load_robot(ROOT / "problems" / "five_bar.toml")
-    assert robot.mechanism == po.robots.five_bar().mechanism
-    assert robot.home_configuration.X.tobytes() == five_bar_robot().home_configuration.X.tobytes()
+    read, built = po.load_robot(ROOT / "problems" / "five_bar.toml"), po.robots.five_bar()
+    assert read.mechanism == built.mechanism
+    assert (read.limits, read.facts, read.contacts, read.source) == (
+        built.limits, built.facts, built.contacts, built.source,
+    )  # fmt: skip
+    # the file rounds the angles of home, from which the same configuration is solved
+    np.testing.assert_allclose(read.home_configuration.X, built.home_configuration.X, rtol=0, atol=1e-12)
+    for link, carried in built.shapes.items():
+        for ours, theirs in zip(read.shapes[link], carried, strict=True):
+            assert (type(ours), ours.name, ours.bounding_radius) == (type(theirs), theirs.name, theirs.bounding_radius)
+            np.testing.assert_allclose(ours.pose, theirs.pose, rtol=0, atol=1e-15)
 
 
 UNITS = """
@@ -335,6 +355,10 @@ def test_a_byte_order_mark_and_crlf_mean_nothing(written: Callable[[bytes], Path
     assert po.load_mechanism(path) == five_bar_robot().mechanism
 
 
+def test_the_text_that_is_spoiled_below_is_sound(written: Callable[[str], Path]) -> None:
+    assert len(po.load_robot(written(WITH_CONTACTS)).contacts) == 2
+
+
 # --- Faults are told with file, key, value and what is allowed
 
 # (what is replaced in the five-bar's file, by what, words of the message)
@@ -430,8 +454,8 @@ FAULTS: dict[str, tuple[str, str, list[str]]] = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_told_where_it_stands(name: str, written: Callable[[str], Path]) -> None:
     old, new, words = FAULTS[name]
-    assert old in FIVE_BAR, "the fault is not put in"
-    path = written(FIVE_BAR.replace(old, new, 1))
+    assert old in WITH_CONTACTS, "the fault is not put in"
+    path = written(WITH_CONTACTS.replace(old, new, 1))
     with pytest.raises(po.DefinitionError) as caught:
         po.load_robot(path)
     message = str(caught.value)
