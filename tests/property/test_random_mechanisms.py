@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.testing import assert_allclose
 
 import paraopt as po
 from paraopt.closure import build_closure
-from paraopt.mechanism import Joint, Link
+from paraopt.mechanism import Closure, Joint, Link
 from support import assert_derivative
 
 Array = np.ndarray
@@ -48,7 +49,7 @@ def joints(draw: st.DrawFn, name: str, planar: bool) -> Joint:
             [
                 po.Revolute(name, axis),
                 po.Prismatic(name, axis),
-                po.Spherical(name),
+                po.Spherical(name, order=draw(st.sampled_from(["xyz", "zyx", "yxz"]))),
                 po.Universal(name, axes=(axis, "xyz"[("xyz".index(axis) + 1) % 3])),
                 po.Cylindrical(name, axis),
                 po.Fixed(),
@@ -72,8 +73,73 @@ def trees(draw: st.DrawFn, planar: bool) -> list[Link]:
         father = draw(st.sampled_from([link.name for link in links]))
         links.append(po.Series(f"link {i}", father, points(), draw(joints(f"j{i}", planar)), rotations()))
     if draw(st.booleans()):
-        links.append(po.Mobile("plate"))
+        links.append(po.Mobile("plate", order=draw(st.sampled_from(["xyz", "zyx"]))))
     return links
+
+
+# What a closure may be: its type, and how many equations it has in space and in the plane (None: not in the plane).
+CLOSURES: dict[type[Closure], tuple[int, int | None]] = {
+    po.Coincidence: (3, 2),
+    po.ParallelAxes: (3, 1),
+    po.ParallelPlanes: (3, 1),
+    po.PerpendicularAxes: (1, 1),
+    po.PointOnLine: (3, 1),
+    po.PointOnPlane: (1, 1),
+    po.Weld: (12, 4),
+    po.ClosingSpherical: (3, None),
+    po.ClosingUniversal: (4, None),
+    po.ClosingCylindrical: (6, None),
+    po.ClosingRevolute: (6, 2),
+    po.ClosingPrismatic: (9, 2),
+    po.PlanarContact: (4, None),
+    po.LineContact: (2, None),
+}
+
+
+def tie(kind: type[Closure], names: tuple[str, str], X_AB: Array, planar: bool, random: np.random.Generator,
+        name: str) -> Closure:  # fmt: skip
+    """Build a closure of some kind between two links that holds at their relative pose."""
+    size = 2 if planar else 3
+    fields = {f.name for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    if kind is po.Weld:
+        alpha, beta, gamma = euler_xyz(X_AB[:3, :3])
+        rotation = (0.0, 0.0, gamma) if planar else (alpha, beta, gamma)
+        at = [*X_AB[:size, 3], *[0.0] * (3 - size)]
+        return po.Weld(*names, at, rotation, name)
+    R = X_AB[:3, :3]
+
+    def directions(count: int) -> list[Array]:
+        """Draw directions of the second link, each perpendicular to the one before, in the plane too."""
+        drawn = np.zeros((count, 3))
+        drawn[:, :size] = random.uniform(-1, 1, (count, size))
+        if count == 2:
+            drawn[1] = (-drawn[0, 1], drawn[0, 0], 0.0) if planar else np.cross(drawn[0], drawn[1])
+        return list(drawn)
+
+    p_B = np.zeros(3)
+    p_B[:size] = random.uniform(-1, 1, size)
+    u, v = directions(2)
+    flat = planar and kind is po.ClosingRevolute
+    given: dict[str, Any] = {"point_A": X_AB[:3, :3] @ p_B + X_AB[:3, 3], "point_B": p_B}
+    # a line lies in a plane, and the axes of a cross are perpendicular: those two take one direction each
+    across = kind in (po.PerpendicularAxes, po.ClosingUniversal, po.LineContact)
+    given["axis_A"] = "z" if flat else R @ (v if across else u)
+    given["axis_B"], given["normal_B"], given["normal_A"] = "z" if flat else u, u, R @ u
+    given["direction_A"], given["direction_B"] = (None, None) if planar else (R @ v, v)
+    if planar:
+        given = {k: [*x[:2], 0.0] if isinstance(x, np.ndarray) else x for k, x in given.items()}
+    given |= {"spread": 0.5, "name": name}
+    if getattr(kind, "constructions", ()):
+        given["construction"] = kind.constructions[int(random.integers(2))]  # type: ignore[attr-defined]
+    return kind(link_A=names[0], link_B=names[1], **{k: x for k, x in given.items() if k in fields})  # type: ignore[call-arg]
+
+
+def euler_xyz(R: Array) -> tuple[float, float, float]:
+    """Give angles of `Rx Ry Rz`, also where the middle one is a right angle."""
+    beta = float(np.arcsin(np.clip(R[0, 2], -1, 1)))
+    if abs(R[0, 2]) > 1 - 1e-12:
+        return float(np.arctan2(R[1, 0], R[1, 1])), beta, 0.0
+    return float(np.arctan2(-R[1, 2], R[2, 2])), beta, float(np.arctan2(-R[0, 1], R[0, 0]))
 
 
 @st.composite
@@ -107,12 +173,9 @@ def closed_mechanisms(draw: st.DrawFn, planar: bool | None = None) -> Closed:
         first, second = draw(
             st.lists(st.sampled_from([link.name for link in links]), min_size=2, max_size=2, unique=True)
         )
-        p_A = np.array([*random.uniform(-1, 1, 2 if planar else 3), *([0.0] if planar else [])])
-        # the point of the first link, seen from the second: the loop closes here
-        p_B = np.linalg.solve(poses[second], poses[first] @ [*p_A, 1.0])[:3]
-        if planar:
-            p_B[2] = 0.0
-        closures.append(po.Coincidence(first, p_A, second, p_B, f"tie {k}"))
+        kinds = [k for k, (_, flat) in CLOSURES.items() if not planar or flat is not None]
+        X_AB = np.linalg.solve(poses[first], poses[second])
+        closures.append(tie(draw(st.sampled_from(kinds)), (first, second), X_AB, planar, random, f"tie {k}"))
     return Closed(dataclasses.replace(tree, closures=closures), values)
 
 
@@ -132,6 +195,19 @@ def is_clear_cut(report: po.StateReport) -> bool:
     return all(r.gap > 1e6 and (r.value == 0 or r.smallest_kept > 1e-4) for r in report.ranks.values())
 
 
+def equations(closure: Closure, planar: bool) -> int:
+    """Count the equations of a closure, those of its second construction too."""
+    count = CLOSURES[type(closure)][planar]
+    second = closure.construction != closure.constructions[0] if hasattr(closure, "construction") else False
+    if second and not planar:
+        count = {
+            po.ClosingCylindrical: 6, po.ClosingRevolute: 7, po.ClosingPrismatic: 7, po.PlanarContact: 3,
+            po.LineContact: 2,
+        }[type(closure)]  # fmt: skip
+    assert count is not None
+    return count
+
+
 # --- The graph
 
 
@@ -139,7 +215,7 @@ def is_clear_cut(report: po.StateReport) -> bool:
 def test_jacobian_is_the_derivative_of_the_residual(closed: Closed) -> None:
     graph = build_closure(closed.mechanism)
     residual, E = ca.Function("F", [graph.X], [graph.F]), ca.Function("E", [graph.X], [graph.E])
-    assert graph.F.shape == ((2 if closed.mechanism.planar else 3) * len(closed.mechanism.closures), 1)
+    assert graph.F.shape == (sum(equations(c, closed.mechanism.planar) for c in closed.mechanism.closures), 1)
     # chains of up to seven links of lengths of order one: fifth derivatives of some 1e2, at steps of 1e-3
     assert_derivative(
         np.asarray(E(closed.X)).reshape(graph.E.shape),
@@ -186,9 +262,8 @@ def renamed(closed: Closed, links: Mapping[str, str], variables: Mapping[str, st
         "other",
         [link(k) for k in m.links],
         [
-            po.Coincidence(links[c.link_A], c.point_A, links[c.link_B], c.point_B, f"closure {i}")
+            dataclasses.replace(c, link_A=links[c.link_A], link_B=links[c.link_B], name=f"closure {i}")  # type: ignore[type-var]
             for i, c in enumerate(m.closures)
-            if isinstance(c, po.Coincidence)
         ],
         [variables[n] for n in m.active],
         [variables[n] for n in m.operational],
@@ -236,6 +311,86 @@ def test_order_of_roles_means_nothing(closed: Closed, data: st.DataObject) -> No
         m, active=data.draw(st.permutations(m.active)), operational=data.draw(st.permutations(m.operational))
     )
     assert_same_state(report, report_of(Closed(other, closed.values)))
+
+
+def rescaled(closed: Closed, factor: float) -> Closed:
+    """State all lengths in another unit."""
+
+    def scaled(item: Any) -> Any:
+        lengths = {
+            f.name: [factor * c for c in getattr(item, f.name)]
+            for f in dataclasses.fields(item)
+            if f.name == "at" or f.name.startswith("point_")
+        }
+        if getattr(item, "spread", None) is not None:
+            lengths["spread"] = factor * item.spread
+        return dataclasses.replace(item, **lengths)
+
+    m = closed.mechanism
+    stated = m.characteristic_length
+    mechanism = dataclasses.replace(
+        m,
+        links=[scaled(link) for link in m.links],
+        closures=[scaled(c) for c in m.closures],
+        characteristic_length=None if stated is None else factor * stated,
+    )
+    kinds = {v.name: v.kind for v in m.variables}
+    return Closed(mechanism, {n: v * (factor if kinds[n] == "length" else 1.0) for n, v in closed.values.items()})
+
+
+@given(closed=closed_mechanisms(), factor=st.sampled_from([1e3, 1e-3, 39.37]))
+def test_the_unit_of_length_means_nothing(closed: Closed, factor: float) -> None:
+    report = report_of(closed)
+    assume(is_clear_cut(report))
+    other = rescaled(closed, factor)
+    # where no point is away from its origin the characteristic length is 1 of whatever unit
+    assume(other.mechanism.length == pytest.approx(factor * closed.mechanism.length))
+    again = report_of(other)
+    assert_same_state(report, again)
+    assert again.idle == report.idle
+
+
+def rerooted(closed: Closed, root: str) -> Closed:
+    """Describe the same machine from another of its links: the joints on the way are read backwards."""
+    m = closed.mechanism
+    way = [m.link(root)]
+    while isinstance(way[-1], po.Series):
+        way.append(m.link(way[-1].father))
+    links: list[Link] = [po.Base(root)]
+    values = dict(closed.values)
+    here = root
+    for link, father in itertools.pairwise(way):
+        assert isinstance(link, po.Series)
+        # X_link = X_father C J, so X_father = X_link J^-1 C^-1 with C^-1 = Rz^-1 Ry^-1 Rx^-1 T^-1
+        steps: list[dict[str, Any]] = []
+        for motion in reversed(link.motions):
+            kind = po.Revolute if motion.kind == "angle" else po.Prismatic
+            steps.append({"joint": kind(motion.name, motion.axis)})
+            values[motion.name] = -values[motion.name]
+        a, b, c = (-float(v) for v in link.rotation)
+        steps += [{"rotation": (0, 0, c)}, {"rotation": (0, b, 0)}, {"rotation": (a, 0, 0)}]
+        steps.append({"at": [-v for v in link.at]})
+        for k, step in enumerate(steps):
+            name = father.name if k == len(steps) - 1 else f"{link.name} to {father.name} {k}"
+            links.append(po.Series(name, here, **step))
+            here = name
+    gone = {link.name for link in way}
+    links += [link for link in m.links if link.name not in gone]
+    return Closed(dataclasses.replace(m, links=links, characteristic_length=m.length), values)
+
+
+@given(closed=closed_mechanisms(), data=st.data())
+def test_the_link_taken_for_the_base_means_nothing(closed: Closed, data: st.DataObject) -> None:
+    m = closed.mechanism
+    assume(not any(isinstance(link, po.Mobile) for link in m.links))  # its coordinates are those seen from the base
+    report = report_of(closed)
+    assume(is_clear_cut(report))
+    root = data.draw(st.sampled_from([link.name for link in m.links if isinstance(link, po.Series)]))
+    other = rerooted(closed, root)
+    assert other.mechanism.base.name == root
+    again = report_of(other)
+    assert_same_state(report, again)
+    assert sorted(again.idle) == sorted(report.idle)
 
 
 @given(closed=closed_mechanisms(), data=st.data())

@@ -40,8 +40,8 @@ def condition_numbers(kinematics: Kinematics, X: ArrayLike) -> tuple[Array, Arra
     mechanism = kinematics.mechanism
     (E,) = kinematics.functions.scaled_jacobian.batch(X)
     a, p = len(mechanism.active), len(mechanism.passive)
-    rank_N = _rank(E[:, :, a : a + p])
-    rank_E = _rank(E)
+    largest = np.asarray(np.linalg.norm(E, 2, axis=(1, 2)), dtype=float)[:, None]
+    rank_N, rank_E = _rank(E[:, :, a : a + p], largest), _rank(E, largest)
     values_A, values_B = np.full(len(X), np.inf), np.full(len(X), np.inf)
     U = np.linalg.svd(E[:, :, a : a + p], full_matrices=True)[0]
     for n in np.unique(rank_N):  # as a rule all samples at once
@@ -54,11 +54,12 @@ def condition_numbers(kinematics: Kinematics, X: ArrayLike) -> tuple[Array, Arra
     return values_A, values_B
 
 
-def _rank(stack: Array) -> NDArray[np.intp]:
+def _rank(stack: Array, largest: Array) -> NDArray[np.intp]:
+    """Count the singular values of a stack of matrices above a fraction of given largest ones, shape (n, 1)."""
     if not stack.size:
         return np.zeros(len(stack), dtype=int)
     values = np.linalg.svd(stack, compute_uv=False)
-    kept: NDArray[np.intp] = np.count_nonzero(values > RANK_TOLERANCE * np.maximum(values[:, :1], 1e-300), axis=1)
+    kept: NDArray[np.intp] = np.count_nonzero(values > RANK_TOLERANCE * np.maximum(largest, 1e-300), axis=1)
     return kept
 
 

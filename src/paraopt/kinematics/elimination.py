@@ -215,7 +215,7 @@ def eliminate_passives(kinematics: Kinematics, configuration: Configuration) -> 
     (E,) = kinematics.functions.scaled_jacobian(configuration.X)
     a, p = len(mechanism.active), len(mechanism.passive)
     M, N, K = E[:, :a], E[:, a : a + p], E[:, a + p :]
-    rank_N = compute_rank(N).value
+    rank_N = compute_rank(N, whole=E).value
     k = compute_rank(E).value - rank_N
     U = np.linalg.svd(N, full_matrices=True)[0] if N.size else np.eye(len(E))
     beyond = U[:, rank_N:]  # all directions of equation space that passive motions do not reach

@@ -381,7 +381,7 @@ class Kinematics:
         (E,) = self.functions.scaled_jacobian(X)
         used = self._structurally_used  # a column that is empty at this place only is a motion that nothing holds
         solved = used & (free > 0)
-        rank, rank_all = compute_rank(E[:, solved]), compute_rank(E)
+        rank, rank_all = compute_rank(E[:, solved], whole=E), compute_rank(E)
         undetermined = int(np.count_nonzero(solved)) - rank.value
         mobility = int(np.count_nonzero(used)) - rank_all.value
         if status is Status.CONVERGED and undetermined > max(mobility - len(impose), 0):

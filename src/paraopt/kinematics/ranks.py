@@ -37,12 +37,14 @@ class Rank:
         return self.value > 0 and self.gap < 1e3
 
 
-def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE) -> Rank:
+def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE, whole: Array | None = None) -> Rank:
     """Count the singular values above a fraction of the largest one.
 
     Args:
         matrix: Scaled matrix [1].
         tolerance: Fraction of the largest singular value below which a value counts as zero [1].
+        whole: Matrix of which the first is a part, and whose largest singular value is meant: columns that hold
+            nothing but round-off then count as zero. The matrix itself when None.
 
     Returns:
         The rank with the values on both sides of the cut.
@@ -50,8 +52,8 @@ def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE) -> Rank:
     if matrix.size == 0:
         return Rank(0, 0.0, 0.0)
     values = np.linalg.svd(matrix, compute_uv=False)
-    kept = values > tolerance * max(values[0], 1e-300)
-    count = int(np.count_nonzero(kept))
+    largest = values[0] if whole is None else np.linalg.norm(whole, 2)
+    count = int(np.count_nonzero(values > tolerance * max(largest, 1e-300)))
     return Rank(count, float(values[count - 1]) if count else 0.0, float(values[count]) if count < len(values) else 0.0)
 
 

@@ -109,14 +109,17 @@ def find_general_state(
     X = sample_configurations(kinematics, configuration, options)
     (E,) = kinematics.functions.scaled_jacobian.batch(X)
     blocks = split_columns(kinematics, E)
-    ranks = {name: max(compute_rank(matrix).value for matrix in stack) for name, stack in blocks.items()}
+    ranks = {
+        name: max(compute_rank(matrix, whole=whole).value for matrix, whole in zip(stack, E, strict=True))
+        for name, stack in blocks.items()
+    }
     N = blocks["N"]
     internal = N.shape[2] - ranks["N"]
     passive = kinematics.mechanism.passive
     idle: tuple[str, ...] = ()
     if internal:
-        general = [matrix for matrix in N if compute_rank(matrix).value == ranks["N"]]
-        spans = np.array([np.linalg.norm(null_space(matrix), axis=1) for matrix in general])
+        spans = np.array([np.linalg.norm(_smallest_directions(matrix, internal), axis=1) for matrix in N
+                          if compute_rank(matrix, whole=E[0]).value == ranks["N"]])  # fmt: skip
         # a variable takes part if it does anywhere; what is zero is zero to round-off over the smallest singular value
         idle = tuple(n for n, share in zip(passive, np.max(spans, axis=0), strict=True) if share > 1e-6)
     return GeneralState(X, ranks, internal, idle)
@@ -153,7 +156,15 @@ def useful_motions(kinematics: Kinematics, E: Array, internal: int, tolerance: f
         return V
     a, p = len(kinematics.mechanism.active), len(kinematics.mechanism.passive)
     U = np.zeros((len(V), internal))
-    U[a : a + p] = np.linalg.svd(E[:, a : a + p], full_matrices=True)[2][p - internal :].T
+    U[a : a + p] = _smallest_directions(E[:, a : a + p], internal)
     # what is left of V when the internal motions are taken out of it
     left, _, _ = np.linalg.svd(V - U @ (U.T @ V), full_matrices=False)
     return left[:, : V.shape[1] - internal]
+
+
+def _smallest_directions(matrix: Array, count: int) -> Array:
+    """Give the right singular vectors of the smallest singular values, shape (n_columns, count)."""
+    if not matrix.shape[0]:
+        return np.eye(matrix.shape[1])[:, :count]
+    vectors = np.linalg.svd(matrix, full_matrices=True)[2]
+    return vectors[matrix.shape[1] - count :].T

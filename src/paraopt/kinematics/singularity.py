@@ -198,7 +198,7 @@ class _Place:
         mechanism = self.kinematics.mechanism
         rows, columns = np.array(leg.rows), np.array(mechanism.indices(leg.variables))
         blocks = self.samples[:, rows][:, :, columns]
-        count = max(compute_rank(block).value for block in blocks)
+        count = max(compute_rank(b, whole=E).value for b, E in zip(blocks, self.samples, strict=True))
         u, sigma, w = _singular_triple(blocks[0], count)
         sign = float(np.sign(np.linalg.det(blocks[0]))) if blocks.shape[1] == blocks.shape[2] else 1.0
         motion, multipliers = np.zeros(len(self.X)), np.zeros(len(self.E))

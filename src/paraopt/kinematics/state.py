@@ -170,7 +170,7 @@ def report_state(
     mechanism = kinematics.mechanism
     general = find_general_state(kinematics, configuration, samples)
     (E,) = kinematics.functions.scaled_jacobian(configuration.X)
-    ranks = {name: compute_rank(stack[0]) for name, stack in split_columns(kinematics, E[None]).items()}
+    ranks = {name: compute_rank(stack[0], whole=E) for name, stack in split_columns(kinematics, E[None]).items()}
     motions = useful_motions(kinematics, E, general.internal)
     roles = {"active": mechanism.active, "passive": mechanism.passive, "operational": mechanism.operational}
     margins = [
