@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import paraopt as po
 from paraopt.closure import build_closure
 from paraopt.kinematics import CompiledFunction, find_compiler
+from paraopt.kinematics.c_source import generate_source
 from paraopt.kinematics.functions import FunctionSet
 from support import raf_robot, two_rpr
 
@@ -296,6 +298,28 @@ def test_damaged_library_is_made_again(
     made = libraries(other)
     CompiledFunction(build_function(), "compiled")
     assert libraries(other) == made
+
+
+# --- The code itself
+
+
+@needs_compiler
+def test_absent_arrays_inside_are_replaced(cache: Path) -> None:
+    """An inner function whose second input is zero throughout and whose first output nobody wants."""
+    a, b = ca.SX.sym("a", 2), ca.SX.sym("b", 2)
+    inner = ca.Function("inner", [a, b], [ca.sin(a), ca.cos(a) + b, ca.sin(b) * ca.cos(a)], {"never_inline": True})
+    x = ca.MX.sym("x", 2)
+    outer = ca.Function("paraopt_outer", [x], [inner(x, ca.MX(2, 1))[1]])
+    compiled = CompiledFunction(outer, "compiled")
+    # one rounding of the cosine
+    assert_allclose(compiled([0.3, -2.0])[0], np.cos([0.3, -2.0]), rtol=0, atol=2e-16)
+
+
+def test_generated_code_has_no_branches() -> None:
+    """Compilers compute sine and cosine of one angle together only where no branch stands between them."""
+    code = generate_source([build_function()])
+    assert "=arg0_[" in code
+    assert not re.search(r"arg\[\d+\] ?\? arg\[\d+\]\[|if \(res\[", code)
 
 
 # --- Compilers that are hidden, absent or broken

@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.errors import BackendError, DefinitionError
+from paraopt.kinematics import c_source
+from paraopt.kinematics.c_source import generate_source
 
 logger = logging.getLogger("paraopt")
 
@@ -29,45 +31,6 @@ Backend = Literal["auto", "compiled", "virtual machine"]
 Array = NDArray[np.float64]
 
 _FLAGS = ("-fPIC", "-shared", "-fno-math-errno", "-ffp-contract=off")
-_STACK = 20000  # work vectors up to this many numbers live on the stack
-_HEADER = r"""
-#include <stdlib.h>
-#ifdef _WIN32
-#define PARAOPT_EXPORT __declspec(dllexport)
-#else
-#define PARAOPT_EXPORT
-#endif
-"""
-# one point, and the loop over a batch: argument k of sample i starts at in[k] + i*in_step[k]
-_DRIVER = r"""
-static int %(name)s_run(long long n, const double** in, const long long* in_step,
-                       double** out, const long long* out_step, casadi_int* iw, double* w) {
-  const double* arg[%(sz_arg)d + 1]; double* res[%(sz_res)d + 1]; long long i; int k, flag = 0;
-  for (i = 0; i < n && !flag; ++i) {
-    for (k = 0; k < %(n_in)d; ++k) arg[k] = in[k] + (in_step ? i*in_step[k] : 0);
-    for (k = 0; k < %(n_out)d; ++k) res[k] = out[k] + (out_step ? i*out_step[k] : 0);
-    flag = %(name)s(arg, res, iw, w, 0);
-  }
-  return flag;
-}
-PARAOPT_EXPORT int %(name)s_batch(long long n, const double** in, const long long* in_step,
-                                  double** out, const long long* out_step) {
-  int flag = -1;
-#if %(on_stack)d
-  casadi_int iw[%(sz_iw)d + 1]; double w[%(sz_w)d + 1];
-  flag = %(name)s_run(n, in, in_step, out, out_step, iw, w);
-#else
-  casadi_int* iw = (casadi_int*) malloc((%(sz_iw)d + 1)*sizeof(casadi_int));
-  double* w = (double*) malloc((%(sz_w)d + 1)*sizeof(double));
-  if (iw && w) flag = %(name)s_run(n, in, in_step, out, out_step, iw, w);
-  free(iw); free(w);
-#endif
-  return flag;
-}
-PARAOPT_EXPORT int %(name)s_point(void** buffers) {
-  return %(name)s_batch(1, (const double**) buffers[0], 0, (double**) buffers[1], 0);
-}
-"""
 
 
 def find_compiler() -> str | None:
@@ -231,15 +194,15 @@ class CompiledFunction:
         self._run(n, arrays, steps, results)
         return tuple(r if s[1] == 1 else r.reshape(n, *s) for r, s in zip(results, self.out_shapes, strict=True))
 
-    def trigger(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> Callable[[], None]:
+    def trigger(self, inputs: Sequence[Array], outputs: Sequence[Array]) -> tuple[Callable[[], int | None], object]:
         """Build what evaluates the function from given input buffers into given output buffers.
 
         Args:
-            inputs: Contiguous arrays, kept alive by the result.
-            outputs: Contiguous arrays, kept alive by the result.
+            inputs: Contiguous arrays.
+            outputs: Contiguous arrays.
 
         Returns:
-            A function without arguments.
+            A function without arguments, which returns a true value where it failed, and what must live as long as it.
         """
         if self._point_entry is None:
             buffer, run = self._function.buffer()
@@ -247,23 +210,11 @@ class CompiledFunction:
                 buffer.set_arg(k, array.reshape(-1).data)
             for k, array in enumerate(outputs):
                 buffer.set_res(k, array.reshape(-1).data)
-            held = (buffer, inputs, outputs)
-
-            def evaluate() -> None:
-                _ = held
-                run()
-
-            return evaluate
-        point = self._point_entry
+            return run, (buffer, inputs, outputs)
         arguments = _pointers(inputs), _pointers(outputs)
         both = (ctypes.c_void_p * 2)(*[ctypes.addressof(a) for a in arguments])
-        address, kept = ctypes.addressof(both), (inputs, outputs, arguments, both)
-
-        def evaluate_compiled() -> None:
-            if point(address) != 0:
-                raise BackendError(f"compiled {self.name} failed", buffers=kept)
-
-        return evaluate_compiled
+        # no frame of Python's own between the caller and the compiled code: it would cost as much as a small function
+        return functools.partial(self._point_entry, ctypes.addressof(both)), (inputs, outputs, arguments, both)
 
     def _run(self, n: int, arrays: list[Array], steps: list[int], results: list[Array]) -> None:
         if n == 0:
@@ -309,11 +260,17 @@ class BoundFunction:
             return tuple(np.zeros(shape[0] if shape[1] == 1 else shape) for shape in shapes)
 
         self.inputs, self.outputs = build(function.in_shapes), build(function.out_shapes)
-        self._trigger = function.trigger(self.inputs, self.outputs)
+        self._name = function.name
+        self._trigger, self._kept = function.trigger(self.inputs, self.outputs)
 
     def __call__(self) -> None:
-        """Evaluate."""
-        self._trigger()
+        """Evaluate.
+
+        Raises:
+            BackendError: The compiled function reported a failure.
+        """
+        if self._trigger():
+            raise BackendError(f"compiled {self._name} failed", inputs=self.inputs)
 
 
 def _pointers(arrays: Sequence[Array]) -> Any:
@@ -355,7 +312,7 @@ def _load(functions: Sequence[ca.Function], compiler: str) -> ctypes.CDLL:
     """Compile functions into one library, or take it from the cache."""
     flags = _flags(functions)
     graphs = [f.serialize() for f in functions]
-    recipe = "|".join([ca.__version__, _compiler_identity(compiler), *flags, _HEADER, _DRIVER, *graphs])
+    recipe = "|".join([ca.__version__, _compiler_identity(compiler), *flags, _generator_text(), *graphs])
     key = hashlib.sha256(recipe.encode()).hexdigest()[:32]
     folder, name = cache_folder(), f"{functions[0].name()}-{key}"
     for made in sorted(folder.glob(f"{name}-*.so")):
@@ -375,6 +332,12 @@ def _digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
+@functools.cache
+def _generator_text() -> str:
+    """Read the module that writes the C code: libraries made by another version of it are not used."""
+    return Path(c_source.__file__).read_text(encoding="utf-8")
+
+
 def _flags(functions: Sequence[ca.Function]) -> tuple[str, ...]:
     """Optimise plain expressions fully; long chains of calls (the factorisations) gain nothing and compile slowly."""
     return ("-O3" if all(f.is_a("SXFunction") for f in functions) else "-O1", *_FLAGS)
@@ -384,15 +347,7 @@ def _compile(functions: Sequence[ca.Function], command: Sequence[str], folder: P
     """Compile functions into a library whose name tells what it was made from and what it holds."""
     with tempfile.TemporaryDirectory(dir=folder, prefix=".build-") as build:
         source = Path(build) / "functions.c"
-        generator = ca.CodeGenerator(source.name)
-        for function in functions:
-            generator.add(function)
-        drivers = []
-        for function in functions:
-            sizes = {key: getattr(function, key)() for key in ("n_in", "n_out", "sz_arg", "sz_res", "sz_iw", "sz_w")}
-            on_stack = int(sizes["sz_w"] + sizes["sz_iw"] <= _STACK)
-            drivers.append(_DRIVER % {"name": function.name(), "on_stack": on_stack, **sizes})
-        source.write_text(generator.dump() + _HEADER + "".join(drivers))
+        source.write_text(generate_source(functions))
         product = source.with_suffix(".so")
         full = [*command, str(source), "-o", str(product), "-lm"]
         done = subprocess.run(full, capture_output=True, text=True, check=False)
