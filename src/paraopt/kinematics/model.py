@@ -144,12 +144,20 @@ class Kinematics:
         return np.max(np.abs(F) / self.graph.row_scale, axis=1, initial=0.0)
 
     def jacobians(self, X: ArrayLike) -> Jacobians:
-        """Evaluate M, N and K at one point."""
-        return Jacobians(*self.functions.jacobians(X))
+        """Evaluate M, N and K at one point; a block of one column is a matrix too."""
+        n = self.graph.F.numel()
+        return Jacobians(*[b.reshape(n, w) for b, w in zip(self.functions.jacobians(X), self._widths, strict=True)])
 
     def jacobians_batch(self, X: ArrayLike) -> Jacobians:
         """Evaluate M, N and K at n points; each block has shape (n, n_equations, n_columns)."""
-        return Jacobians(*self.functions.jacobians.batch(X))
+        n = self.graph.F.numel()
+        blocks = zip(self.functions.jacobians.batch(X), self._widths, strict=True)
+        return Jacobians(*[b.reshape(len(b), n, w) for b, w in blocks])
+
+    @property
+    def _widths(self) -> tuple[int, int, int]:
+        m = self.mechanism
+        return len(m.active), len(m.passive), len(m.operational)
 
     def poses(self, X: ArrayLike) -> Array:
         """Evaluate the poses of all links in the world at n points.

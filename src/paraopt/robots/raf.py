@@ -103,6 +103,11 @@ def raf(
         },
         tool=("platform", (0, 0, tool_length)),
         source="Lahouar, IV.1 (points and axes); strokes, drive limits, masses and solids are ours",
+        # all printed; the idle freedoms are the spins of the jacks
+        facts={
+            "variables": 32, "equations": 33, "rank E": 26, "rank M": 3, "rank N": 23, "rank K": 3,
+            "mobility": 6, "idle": 3,
+        },
     )  # fmt: skip
 
 
