@@ -213,9 +213,9 @@ def analyse_platform(robot: Robot, poses: int = 6, spread: float = 0.15, seed: i
     elif rank_held < rank:
         drives, turns = _find_conflict(kinematics, found)
         motion = "turns" if turns else "slides without turning"
-        reason = f"with its drives held the platform {motion} at every pose ({rank - rank_held} freedom)"
+        reason = f"with its drives held the platform {motion} at every pose ({_freedoms(rank - rank_held)})"
     elif rank_still < rank:
-        reason = f"with its platform held the drives move at every pose ({rank - rank_still} freedom)"
+        reason = f"with its platform held the drives move at every pose ({_freedoms(rank - rank_still)})"
     return PlatformReport(
         robot.name, home.residual, len(found) - 1, mobility,
         reports[0].parallel_margin, reports[0].serial_margin, reason, drives,
@@ -236,6 +236,10 @@ def _find_conflict(kinematics: Kinematics, found: Sequence[Configuration]) -> tu
         motions = scipy.linalg.null_space(held, rcond=1e-9)
         turns |= bool(np.max(np.abs(motions[N.shape[1] + mechanism.operational.index("theta")])) > 1e-6)
     return tuple(name for name, s in zip(mechanism.active, strength, strict=True) if s > 1e-6), turns
+
+
+def _freedoms(count: int) -> str:
+    return f"{count} freedom" if count == 1 else f"{count} freedoms"
 
 
 def _turn(point: Sequence[float], angle: float) -> Array:
