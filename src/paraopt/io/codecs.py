@@ -65,7 +65,7 @@ class Place:
         if isinstance(key, int):
             return replace(self, path=f"{self.path}[{key}]")
         plain = key.isascii() and key.replace("_", "").replace("-", "").isalnum()
-        word = key if plain else repr(key)
+        word = key if plain and len(key) < 60 else shorten(key)
         return replace(self, path=f"{self.path}.{word}" if self.path else word)
 
     def __str__(self) -> str:
@@ -81,7 +81,7 @@ class Place:
 
     def unknown(self, kind: str, name: str, valid: Iterable[str]) -> DefinitionError:
         """Build the error for a name that does not exist."""
-        return self.wrap(unknown_name(kind, name, valid))
+        return self.wrap(unknown_name(kind, name if len(name) < 60 else f"{name[:50]}...", valid))
 
     def wrap(self, error: DefinitionError) -> DefinitionError:
         """Put the place before the words of a constructor, keeping the type of the error."""

@@ -26,8 +26,10 @@ from paraopt.shapes import Shape
 
 FORMAT = 1
 _HEAD = ("format", "units")
-# a hundred keys joined by dots: no description is that deep, and the time to parse them grows with their square
-_TOO_DEEP = re.compile(r"""(?<![\w"'-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
+# strings and comments, so that what is left are keys, numbers and punctuation
+_WORDS = re.compile(r"""\"{3}(?:\\.|[^\\])*?\"{3}|'{3}.*?'{3}|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|#[^\n]*""", re.DOTALL)
+# twenty keys joined by dots: no description is that deep, and the time to parse them grows with their square
+_TOO_DEEP = re.compile(r"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){20}")
 
 
 def load_mechanism(path: str | os.PathLike[str]) -> Mechanism:
@@ -136,7 +138,7 @@ def read_description(text: str, name: str) -> tuple[dict[str, Any], Place]:
     """
     place = Place(name)
     try:
-        if _TOO_DEEP.search(text):
+        if _TOO_DEEP.search(_WORDS.sub("word", text)):
             raise RecursionError
         data = tomllib.loads(text)
     except RecursionError as error:
@@ -153,7 +155,7 @@ def read_description(text: str, name: str) -> tuple[dict[str, Any], Place]:
 
 
 def _read_file(
-    path: str | os.PathLike[str], keys: list[str], largest: int = 50_000_000
+    path: str | os.PathLike[str], keys: list[str], largest: int = 10_000_000
 ) -> tuple[dict[str, Any], Place]:
     """Read a regular file of at most `largest` bytes, whose keys are among some."""
     file = Path(path)

@@ -172,15 +172,21 @@ class Mechanism:
     @cached_property
     def ordered_links(self) -> tuple[Link, ...]:
         """List the links with every father before its sons."""
-        done: dict[str, Link] = {link.name: link for link in self.links if not isinstance(link, Series)}
-        waiting = [link for link in self.links if isinstance(link, Series)]
-        while waiting:
-            ready = [link for link in waiting if link.father in done]
-            if not ready:
-                circle = ", ".join(repr(link.name) for link in waiting)
-                raise DefinitionError(f"fathers of {self.name!r} form a cycle among the links {circle}")
-            done.update((link.name, link) for link in ready)
-            waiting = [link for link in waiting if link.name not in done]
+        place = {link.name: i for i, link in enumerate(self.links)}
+        sons: dict[str, list[Link]] = {}
+        for link in self.links:
+            if isinstance(link, Series):
+                sons.setdefault(link.father, []).append(link)
+        generation = [link for link in self.links if not isinstance(link, Series)]
+        done: dict[str, Link] = {}
+        while generation:
+            done.update((link.name, link) for link in generation)
+            born = [son for link in generation for son in sons.get(link.name, ())]
+            generation = sorted(born, key=lambda link: place[link.name])
+        waiting = [link for link in self.links if link.name not in done]
+        if waiting:
+            circle = ", ".join(repr(link.name) for link in waiting)
+            raise DefinitionError(f"fathers of {self.name!r} form a cycle among the links {circle}")
         return tuple(done.values())
 
     # -- checking --------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import inspect
 import math
 import os
 import re
+import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -488,6 +489,46 @@ def test_a_file_without_end_is_not_read(tmp_path: Path) -> None:
         stream.truncate(10**12)  # sparse
     with pytest.raises(po.DefinitionError, match="holds 1000000000000 bytes"):
         po.load_robot(path)
+
+
+def test_long_names_make_short_messages(written: Callable[[str], Path]) -> None:
+    for text in (f"{'a' * 5000} = 1", f"[home]\n{'a' * 5000} = 1", f"[masses]\n{'a' * 5000} = true"):
+        with pytest.raises(po.DefinitionError) as caught:
+            po.load_robot(written(FIVE_BAR.replace("[home]", text.replace("[home]", "[home]"), 1)))
+        assert len(str(caught.value)) < 1000
+
+
+def test_dots_in_text_are_no_depth(written: Callable[[str], Path], tmp_path: Path) -> None:
+    text = "a.b-c." * 50 + "\" # ' \n\t."
+    robot = dataclasses.replace(five_bar_robot(), source=text)
+    assert po.load_robot(po.save_robot(robot, tmp_path / "dots.toml")).source == text
+    for quoted in (f"'{'a.' * 50}'", f"""\"\"\"{"a." * 50} \\" \" \n{"b." * 50}\"\"\"""", f"'''{'a.' * 50}\n\\'''"):
+        source = f"source = {quoted} # it's {'a.' * 50}"
+        hand = po.load_robot(written(re.sub("^source = .*$", lambda _, s=source: s, FIVE_BAR, flags=re.MULTILINE)))
+        assert hand.source.startswith("a." * 50)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a = 1\n",
+        "[[links]]\n",
+        "a = '",
+        '"',
+        '"""',
+        "[",
+        "{a=",
+        "a . ",
+        "é",
+    ],
+)
+def test_long_files_of_one_kind_end_soon(text: str, written: Callable[[str], Path]) -> None:
+    """A few hundred kilobytes; a parser whose time grows with the square needs minutes."""
+    path = written("format = 1\n" + text * (300_000 // len(text)))
+    start = time.perf_counter()
+    with pytest.raises(po.DefinitionError):
+        po.load_robot(path)
+    assert time.perf_counter() - start < 20.0
 
 
 def test_a_mechanism_is_no_robot(tmp_path: Path) -> None:
