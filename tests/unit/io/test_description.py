@@ -492,9 +492,10 @@ def test_a_file_without_end_is_not_read(tmp_path: Path) -> None:
 
 
 def test_long_names_make_short_messages(written: Callable[[str], Path]) -> None:
-    for text in (f"{'a' * 5000} = 1", f"[home]\n{'a' * 5000} = 1", f"[masses]\n{'a' * 5000} = true"):
-        with pytest.raises(po.DefinitionError) as caught:
-            po.load_robot(written(FIVE_BAR.replace("[home]", text.replace("[home]", "[home]"), 1)))
+    key = "a" * 5000
+    for old, new in (("planar", key), ("theta1 = 1.3", f"{key} = 1"), ("[facts]", f"[masses]\n{key} = true\n[facts]")):
+        with pytest.raises(po.DefinitionError, match="aaaa") as caught:
+            po.load_robot(written(FIVE_BAR.replace(old, new, 1)))
         assert len(str(caught.value)) < 1000
 
 
