@@ -24,9 +24,15 @@ def tripod() -> po.Robot:
 
 
 @functools.cache
-def walker() -> po.Robot:
-    """The same machine, with a pose for each foot."""
-    return po.robots.tripod(free_feet=True)
+def walker() -> po.Kinematics:
+    """The same machine, with a pose for each foot; used too little to be worth compiling."""
+    return po.Kinematics(po.robots.tripod(free_feet=True).mechanism, "virtual machine")
+
+
+@functools.cache
+def walker_at_home() -> po.Configuration:
+    robot = po.robots.tripod(free_feet=True)
+    return walker().inverse({n: robot.home[n] for n in robot.mechanism.operational}, robot.home).configuration
 
 
 # --- Closed forms: Tripod, 1-8, as corrected
@@ -131,7 +137,7 @@ def test_closed_forms_on_feet_anywhere(seed: int) -> None:
     values = dict(zip(POSE, pose, strict=True))
     for i in LEGS:
         values |= {f"foot {i} {c}": v for c, v in zip(POSE, feet[i - 1], strict=True)}
-    found = walker().kinematics.inverse(values, walker().home_configuration).configuration
+    found = walker().inverse(values, walker_at_home()).configuration
     for i in LEGS:
         for name, expected in closed_forms(i, pose, feet[i - 1]).items():
             assert difference(found[name], expected, name) == pytest.approx(0, abs=1e-10), name
@@ -160,20 +166,20 @@ def feet_values(feet: Array) -> dict[str, float]:
 
 def tilted() -> po.Configuration:
     start = dict(zip(POSE, (0, 0, 0.32, 0, 0.3, 0), strict=True))
-    return walker().kinematics.inverse(start | feet_values(standing_feet()), walker().home_configuration).configuration
+    return walker().inverse(start | feet_values(standing_feet()), walker_at_home()).configuration
 
 
 def singular_values(configuration: po.Configuration) -> Array:
     """Give the singular values of the columns that feet and locks leave, which 30 independent equations determine."""
-    mechanism, kinematics = walker().mechanism, walker().kinematics
+    mechanism = walker().mechanism
     imposed = {*feet_values(standing_feet()), *LOCKED}
-    (E,) = kinematics.functions.scaled_jacobian(configuration.X)
+    (E,) = walker().functions.scaled_jacobian(configuration.X)
     return np.linalg.svd(E[:, [i for i, n in enumerate(mechanism.names) if n not in imposed]], compute_uv=False)
 
 
 def test_level_platform_cannot_be_held_by_the_locks() -> None:
     """Six equations, six unknowns, rank 5 where u of both standing legs is square to w_a: level on level ground."""
-    level = walker().home_configuration
+    level = walker_at_home()
     values = singular_values(level)
     assert values.size == 30
     assert values[-1] < 1e-12 < 1e-3 < values[-2]
@@ -189,7 +195,7 @@ def test_step_of_leg_1() -> None:
         feet = standing_feet()
         feet[0, 0] += 0.08 * s
         feet[0, 2] += 0.03 * 4 * s * (1 - s)  # the law of lifting that gives the stated extremes
-        here = walker().kinematics.solve(feet_values(feet) | locks, here).configuration
+        here = walker().solve(feet_values(feet) | locks, here).configuration
         lengths.append(here.active)
     end = [here[c] for c in POSE]
     assert_allclose(end, (0.051411, 0, 0.383487, 0, 0.3, 0), atol=6e-7)  # half of the last digit, and rounding

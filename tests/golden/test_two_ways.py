@@ -39,7 +39,7 @@ class Way:
 
     @functools.cached_property
     def kinematics(self) -> po.Kinematics:
-        return po.Kinematics(self.mechanism)
+        return po.Kinematics(self.mechanism, "virtual machine")  # used too little to be worth compiling
 
 
 def angles_xyz(R: Array) -> tuple[float, float, float]:

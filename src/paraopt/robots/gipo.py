@@ -149,7 +149,7 @@ def _trunk(head_and_tail: bool) -> dict[str, Sequence[Shape]]:
     """Give the solids of ground, trunk, head and tail."""
     thickness = 0.02
     top = MM * (FOOT_AT_REST["rear"][2] - FOOT_RADIUS)
-    floor = Box(size=(0.9, 0.5, thickness), pose=transform((0.14, 0, top - thickness / 2)), name="ground")
+    floor = Box(size=(0.6, 0.34, thickness), pose=transform((0.14, 0, top - thickness / 2)), name="ground")
     shapes: dict[str, Sequence[Shape]] = {
         "ground": [floor],
         "trunk": [Box(size=(0.265, 0.06, 0.05), pose=transform((0.0575, 0, -0.02)), name="trunk")],

@@ -78,9 +78,9 @@ def tripod(
     closures: list[Closure] = []
     home: dict[str, float] = {**dict.fromkeys(POSE, 0.0), "z": height}
     shapes: dict[str, list[Shape]] = {
-        "base": [Cylinder(radius=0.5, length=0.02, pose=transform((0, 0, -0.04)), name="ground")],
+        "base": [Cylinder(radius=1.6 * foot_radius, length=0.02, pose=transform((0, 0, -0.04)), name="ground")],
         "platform": [
-            Cylinder(radius=0.8 * radius, length=0.02, pose=transform((0, 0, 0)), name="platform"),
+            Cylinder(radius=0.9 * radius, length=0.02, name="platform"),
             Cylinder.between((0, 0, 0.01), (0, 0, 0.08), radius=0.03, name="spindle"),
             Cylinder.between((0, 0, -0.01), (0, 0, -0.1), radius=0.006, name="tool"),
         ],
