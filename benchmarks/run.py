@@ -1,7 +1,7 @@
 """Measure speed, side by side in one run, on one core: `make bench`.
 
-python benchmarks/run.py                       # everything, about a minute
-python benchmarks/run.py --only evaluations    # or stages, clearance
+python benchmarks/run.py                       # everything, a few minutes
+python benchmarks/run.py --only evaluations    # or stages, clearance, stacked
 python benchmarks/run.py --cold                # also the first compilation, into an empty cache
 python benchmarks/run.py --json bench.json
 """
@@ -19,7 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-SECTIONS = ("evaluations", "stages", "clearance")
+SECTIONS = ("evaluations", "stages", "clearance", "stacked")
 
 
 def hold_to_one_core() -> str:
