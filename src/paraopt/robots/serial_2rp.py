@@ -63,7 +63,7 @@ def serial_2rp(length: float = 0.5, stroke: tuple[float, float] = (0.3, 0.5), ra
             jerk={"q1": 200.0, "q2": 200.0, "q3": 40.0},
         ),
         source="Lahouar, I.4.1 (structure); lengths, strokes, drive limits, solids and home are ours",
-        # none is printed; with q3 of either sign the second hinge has two places on the tool's line
+        # none is printed; without limits of the stroke the second hinge has two places on the tool's line
         facts={
             "variables": 6, "equations": 4, "rank E": 3, "rank M": 3, "rank N": 0, "rank K": 3, "mobility": 3,
             "idle": 0, "working modes": 2, "assembly modes": 1,
