@@ -24,7 +24,7 @@ from paraopt.mechanism.closures import as_direction, perpendicular
 from support import five_bar_robot, raf_robot
 
 # one example takes a millisecond or a few, and there are many ways to be wrong
-MANY = settings(max_examples=10 * settings().max_examples)
+MANY = settings(max_examples=min(10 * settings().max_examples, 1000))
 # a file of a hundred lines takes milliseconds: this bound only tells a hang from a busy machine
 LONGEST = 10.0  # s
 
