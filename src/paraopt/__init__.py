@@ -32,7 +32,6 @@ from paraopt.kinematics import (
     condition_numbers,
     eliminate_passives,
     find_isotropic,
-    find_legs,
     report_singularities,
     report_state,
 )
@@ -162,7 +161,6 @@ __all__ = [
     "condition_numbers",
     "eliminate_passives",
     "find_isotropic",
-    "find_legs",
     "load_mechanism",
     "load_obstacles",
     "load_robot",

@@ -267,12 +267,12 @@ def test_faulty_velocities_are_refused(given: dict[str, float], word: str) -> No
 
 
 def test_legs_are_found_by_sparsity() -> None:
-    legs = po.find_legs(five_bar_robot().kinematics)
+    legs = five_bar_robot().kinematics.legs
     assert legs == (Leg((0, 1), ("theta1",), ("theta3",)), Leg((2, 3), ("theta2",), ("theta4",)))
     assert [leg.name for leg in legs] == ["theta1", "theta2"]
-    three = po.find_legs(po.Kinematics(planar_three_rpr()[0], "virtual machine"))
+    three = po.Kinematics(planar_three_rpr()[0], "virtual machine").legs
     assert [leg.variables for leg in three] == [(f"rho{i}", f"phi{i}") for i in (1, 2, 3)]
     # the platform's passive angles tie the RAF's legs together; its idle spins belong to none
-    (whole,) = po.find_legs(raf_robot().kinematics)
+    (whole,) = raf_robot().kinematics.legs
     assert len(whole.rows) == 33
     assert not {"jack 1.z", "jack 2.z", "jack 3.z"} & set(whole.variables)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from paraopt.kinematics.model import Kinematics
+from paraopt.closure import ClosureGraph
 
 
 @dataclass(frozen=True)
@@ -36,27 +36,27 @@ class Leg:
         return self.active + self.passive
 
 
-def find_legs(kinematics: Kinematics) -> tuple[Leg, ...]:
+def find_legs(graph: ClosureGraph) -> tuple[Leg, ...]:
     """Decompose `[M N]` by its sparsity: the legs are found, not declared.
 
     Two equations belong to one leg when they share a joint variable, directly or through others. Passive coordinates of
     the platform tie its legs together.
 
     Args:
-        kinematics: The mechanism's functions.
+        graph: The closure equations.
 
     Returns:
         The legs in the order of their first variable; variables that enter no equation belong to none.
     """
-    mechanism = kinematics.mechanism
+    mechanism = graph.mechanism
     n_joints = len(mechanism.active) + len(mechanism.passive)
-    rows, columns = (np.asarray(k, dtype=int) for k in kinematics.graph.E.sparsity().get_triplet())
+    rows, columns = (np.asarray(k, dtype=int) for k in graph.E.sparsity().get_triplet())
     chosen = columns < n_joints
     rows, columns = rows[chosen], columns[chosen]
-    n_rows = kinematics.graph.F.numel()
+    n_rows = graph.F.numel()
     size = n_rows + n_joints
-    graph = sp.coo_matrix((np.ones(len(rows)), (rows, n_rows + columns)), shape=(size, size))
-    _, labels = connected_components(graph, directed=False)
+    incidence = sp.coo_matrix((np.ones(len(rows)), (rows, n_rows + columns)), shape=(size, size))
+    _, labels = connected_components(incidence, directed=False)
     legs = []
     for label in dict.fromkeys(labels[n_rows:]):
         members = np.flatnonzero(labels == label)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from paraopt.errors import DefinitionError, SolveError
 from paraopt.kinematics.codegen import Backend
 from paraopt.kinematics.configuration import Configuration
 from paraopt.kinematics.functions import FunctionSet
+from paraopt.kinematics.legs import Leg, find_legs
 from paraopt.kinematics.ranks import Rank, compute_rank
 from paraopt.kinematics.solve import ClosureSolution, SolveOptions, Status, solve_closure, solve_nearest
 from paraopt.mechanism import Mechanism
@@ -187,6 +189,11 @@ class Kinematics:
     def idle(self) -> tuple[str, ...]:
         """Name the variables that enter no closure equation, whatever their values: internal mobilities."""
         return tuple(n for n, used in zip(self.mechanism.names, self._structurally_used, strict=True) if not used)
+
+    @cached_property
+    def legs(self) -> tuple[Leg, ...]:
+        """List the blocks into which the equations fall apart when the platform is imposed; see `find_legs`."""
+        return find_legs(self.graph)
 
     # -- solving ---------------------------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError
 from paraopt.kinematics.configuration import Configuration
-from paraopt.kinematics.legs import Leg, find_legs
+from paraopt.kinematics.legs import Leg
 from paraopt.kinematics.margins import Determinants
 from paraopt.kinematics.model import Kinematics
 from paraopt.kinematics.ranks import RANK_TOLERANCE, compute_rank, null_space
@@ -76,7 +76,7 @@ class SingularityReport:
         mechanism_name: Name of the mechanism.
         parallel: Distance at which the platform is no longer held by the drives.
         serial: Distance at which a drive moves nothing.
-        legs: Serial distance of each leg, in the order of `find_legs`.
+        legs: Serial distance of each leg, in the order of `Kinematics.legs`.
         constraint: Distance at which the closures themselves lose rank.
         architectural: Kinds that are singular at every configuration around: a fault of the dimensions, or of the
             choice of variables, not of the pose.
@@ -157,7 +157,7 @@ def report_singularities(
         mechanism_name=mechanism.name,
         parallel=parallel,
         serial=serial,
-        legs=tuple(place.judge_leg(leg) for leg in find_legs(kinematics)),
+        legs=tuple(place.judge_leg(leg) for leg in kinematics.legs),
         constraint=place.judge_constraints(),
         architectural=tuple(k for k, lost in (("parallel", lost_p), ("serial", lost_s)) if lost),
         tolerance=tolerance,
