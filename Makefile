@@ -9,13 +9,16 @@ INSTALL = $(BIN)/python -m pip install -qq --disable-pip-version-check --no-inpu
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-all lint format bench clean chromium
+.PHONY: help demo gallery test test-all lint format bench clean chromium
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' Makefile
 
 demo: $(VENV)/.installed ## plan the RAF robot's way around a cylinder; results in out/raf-cylinder
 	$(BIN)/python problems/raf.py --task cylinder --output out/raf-cylinder
+
+gallery: $(VENV)/.installed ## draw every robot of the library; docs/gallery.md
+	PARAOPT_COMPILE=0 $(BIN)/python docs/make_gallery.py
 
 test: lint ## lint, types and all tests but the slow and the browser ones
 	$(BIN)/python -m pytest

@@ -191,35 +191,6 @@ def lay_out(nodes: Sequence[GraphNode], edges: Sequence[GraphEdge], options: Lay
     )
 
 
-def count_crossings(layout: Layout) -> int:
-    """Count the pairs of lines that cross each other, measured on the layout itself."""
-    pieces = [(name, a, b) for name, line in layout.lines.items() for a, b in itertools.pairwise(line)]
-    crossing = set()
-    for i, (first, a, b) in enumerate(pieces):
-        for second, c, d in pieces[:i]:
-            if first != second and _cross(a, b, c, d):
-                crossing.add((first, second))
-    return len(crossing)
-
-
-def list_overlaps(layout: Layout) -> list[tuple[str, str]]:
-    """List the pairs of boxes, of nodes and of labels, that overlap."""
-    boxes = [*layout.nodes.items(), *layout.labels.items()]
-    return [(a, b) for i, (a, first) in enumerate(boxes) for b, second in boxes[:i] if first.gap_to(second) < -1e-9]
-
-
-def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
-    """Answer whether two segments meet in a point inside both of them."""
-
-    def turn(p: Array, q: Array, r: Array) -> float:
-        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
-
-    tolerance = 1e-9  # square inches: lines that only touch at a common port do not cross
-    first = turn(a, b, c) * turn(a, b, d)
-    second = turn(c, d, a) * turn(c, d, b)
-    return first < -tolerance and second < -tolerance
-
-
 # --- From edges to items of rows
 
 

@@ -103,7 +103,7 @@ def draw_link_graph(
 def _lay_out(graph: LinkGraph, options: LayoutOptions | None) -> Layout:
     sizes = {link.name: _box_of(link) for link in graph.links}
     # boxes of one width make columns that are easy to follow; one long name does not widen them all
-    common = min(max(_box_of(replace(link, notes=()))[0] for link in graph.links), 1.3)
+    common = min(max(_box_of(replace(link, notes=()))[0] for link in graph.links), 1.7)
     nodes = [
         GraphNode(link.name, link.layer, max(sizes[link.name][0], common), sizes[link.name][1]) for link in graph.links
     ]

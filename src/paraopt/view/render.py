@@ -21,6 +21,10 @@ CREASE = 0.75
 """Cosine of the angle between two faces beyond which their common edge is drawn [1]."""
 
 
+TIE = 1e-3
+"""Difference of depth below which two faces count as equally near, as a share of the scene's extent [1]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Solid:
     """Hold a convex solid to render.
@@ -69,12 +73,15 @@ def render(solids: Sequence[Solid], camera: Camera, width: int, height: int) -> 
     normals: list[Array] = []
     groups: list[int] = []
     count = 0
+    clouds = [solid.surface.reshape(-1, 3) for solid in solids]
+    # where surfaces coincide, such as those of balls at a joint, the solid named first is seen whole
+    tie = TIE * float(np.max(np.ptp(np.vstack(clouds), axis=0))) if clouds else 0.0
     for solid in solids:
         corners, outwards = list_faces(solid.surface)
         seen = outwards @ camera.view > 1e-9
         corners, outwards = corners[seen], outwards[seen]
         for points, normal in zip(corners, outwards, strict=True):
-            _fill(points, normal, camera, depth, face, count)
+            _fill(points, normal, camera, depth, face, count, tie)
             count += 1
         colors.append(shade(solid.color, outwards, camera))
         normals.append(outwards)
@@ -118,8 +125,10 @@ def shade(color: tuple[float, float, float], normals: Array, camera: Camera) -> 
     return shaded
 
 
-def _fill(points: Array, normal: Array, camera: Camera, depth: Array, face: NDArray[np.intp], number: int) -> None:
-    """Give a flat convex face the pixels at which it is the nearest so far."""
+def _fill(
+    points: Array, normal: Array, camera: Camera, depth: Array, face: NDArray[np.intp], number: int, tie: float
+) -> None:
+    """Give a flat convex face the pixels at which it is the nearest so far by more than a tie."""
     flat = points @ camera.across.T + camera.offset
     low = np.maximum(np.ceil(flat.min(axis=0) - 0.5).astype(int), 0)
     high = np.minimum(np.floor(flat.max(axis=0) + 0.5).astype(int), np.array(face.shape[::-1]) - 1)
@@ -142,7 +151,7 @@ def _fill(points: Array, normal: Array, camera: Camera, depth: Array, face: NDAr
     centre = camera.across @ p + camera.offset
     near = camera.view @ p + slope_x * (x - centre[0]) + slope_y * (y - centre[1])
     window = (slice(low[1], high[1] + 1), slice(low[0], high[0] + 1))
-    won = inside & (near > depth[window])
+    won = inside & (near > depth[window] + tie)
     depth[window][won] = near[won]
     face[window][won] = number
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from paraopt.errors import DefinitionError
 from paraopt.kinematics import Configuration, report_state
 from paraopt.mechanism import Base, Mechanism, Mobile, Series
 from paraopt.robot import Robot
@@ -81,13 +80,11 @@ def draw_robot(
 
     Raises:
         SolveError: The loops cannot be closed at home.
-        DefinitionError: The robot has nothing to draw, or the suffix of the file is neither ".png" nor ".svg".
+        DefinitionError: The suffix of the file is neither ".png" nor ".svg".
         OSError: The file cannot be written.
     """
     where = robot.home_configuration if configuration is None else configuration
     pieces = list_pieces(robot, where)
-    if not pieces:
-        raise DefinitionError(f"{robot.name!r} has neither solids nor links with a length: nothing to draw")
     cloud = np.vstack([piece.points.reshape(-1, 3) for piece in pieces])
     factor, unit = display_scale("m", cloud)
     cloud = factor * cloud
@@ -121,18 +118,14 @@ def list_pieces(robot: Robot, configuration: Configuration) -> list[Piece]:
         X_WL = poses[link.name]
         for solid in robot.shapes.get(link.name, ()):
             pieces.append(Piece(kinds[link.name], _move(X_WL, sample_surface(solid, n_around=48))))
-        if link.name in robot.shapes:
-            continue
         driven = kinds[link.name] in ("actuator", "platform", "base")
-        lines = list(_list_lines(robot.mechanism, link.name))
-        if not lines and kinds[link.name] == "platform":
-            lines = [np.zeros((1, 3))]
-        for local in lines:
-            pieces.append(Piece(kinds[link.name], _move(X_WL, local), line=True, dashed=not driven))
+        lines = [] if robot.shapes.get(link.name) else [_move(X_WL, k) for k in _list_lines(robot.mechanism, link.name)]
+        # a stroke is drawn even where there are solids: tubes that do not reach each other must not look cut off
         if isinstance(link, Series) and any(m.kind == "length" for m in link.motions):
-            stroke = np.array([_move(poses[link.father], np.array(link.at)), X_WL[:3, 3]])
-            if np.linalg.norm(stroke[1] - stroke[0]) > 1e-9:
-                pieces.append(Piece(kinds[link.name], stroke, line=True, dashed=not driven))
+            lines.append(np.array([_move(poses[link.father], np.array(link.at)), X_WL[:3, 3]]))
+        if not lines and not robot.shapes.get(link.name) and kinds[link.name] == "platform":
+            lines.append(X_WL[None, :3, 3])
+        pieces += [Piece(kinds[link.name], line, line=True, dashed=not driven) for line in lines]
     return pieces
 
 
