@@ -115,10 +115,10 @@ def finite_vector(values: Any, size: int | None, what: str) -> NDArray[np.float6
         The vector, shape (size,), read-only.
 
     Raises:
-        DefinitionError: The length is wrong or a component is not a finite number.
+        DefinitionError: The length is wrong, or a component is not a finite number below 1e150.
     """
     try:
-        vector = np.array(values, dtype=float)
+        vector = _real_array(values)
     except (TypeError, ValueError, OverflowError) as error:
         raise DefinitionError(f"{what} is {values!r}; it must be numbers") from error
     if vector.ndim != 1 or (size is not None and vector.shape != (size,)):
@@ -126,6 +126,8 @@ def finite_vector(values: Any, size: int | None, what: str) -> NDArray[np.float6
         raise DefinitionError(f"{what} is {values!r} of shape {vector.shape}; it must be {wanted}")
     if not np.all(np.isfinite(vector)):
         raise DefinitionError(f"{what} is {vector.tolist()}; every component must be finite")
+    if np.any(np.abs(vector) >= 1e150):  # their squares would overflow
+        raise DefinitionError(f"{what} is {vector.tolist()}; every component must be below 1e150")
     vector.flags.writeable = False
     return vector
 
@@ -145,14 +147,22 @@ def check_pose(X: Any, what: str, tolerance: float = 1e-9) -> NDArray[np.float64
         DefinitionError: Wrong shape, non-finite entries, or not a right-handed rotation.
     """
     try:
-        pose = np.array(X, dtype=float)
+        pose = _real_array(X)
     except (TypeError, ValueError, OverflowError) as error:
         raise DefinitionError(f"{what} is {X!r}; it must be a 4 x 4 matrix of numbers") from error
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
         raise DefinitionError(f"{what} must be a finite 4 x 4 matrix; its shape is {pose.shape}")
+    if np.any(np.abs(pose) >= 1e150):  # their squares would overflow
+        raise DefinitionError(f"{what} has an entry of {np.max(np.abs(pose)):.3g}; all must be below 1e150")
     R = pose[:3, :3]
     error_ = float(np.max(np.abs(R.T @ R - np.eye(3))))
     if error_ > tolerance or np.linalg.det(R) < 0 or np.any(pose[3] != (0.0, 0.0, 0.0, 1.0)):
         raise DefinitionError(f"{what} is not a rigid pose: |R^T R - 1| is {error_:.3g}, det R {np.linalg.det(R):.6g}")
     pose.flags.writeable = False
     return pose
+
+
+def _real_array(values: Any) -> NDArray[np.float64]:
+    if isinstance(values, np.ndarray) and np.iscomplexobj(values):
+        raise TypeError("complex numbers have no place here")  # NumPy would drop their imaginary part
+    return np.array(values, dtype=float)

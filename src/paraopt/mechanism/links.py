@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-import numpy as np
-
 from paraopt.errors import DefinitionError, unknown_name
 from paraopt.mechanism.joints import UNLIMITED, Fixed, Joint, Kind, Motion, Range, as_order, as_range, as_tuple
 from paraopt.spatial import finite_vector
@@ -31,8 +29,6 @@ def as_point(values: Sequence[float], what: str) -> tuple[float, float, float]:
     vector = finite_vector(values, None, what)
     if vector.size not in (2, 3):
         raise DefinitionError(f"{what} is {vector.tolist()}; it must have two or three coordinates")
-    if np.max(np.abs(vector)) > 1e150:  # its square would overflow
-        raise DefinitionError(f"{what} is {vector.tolist()}; every component must be below 1e150")
     padded = [*vector.tolist(), 0.0]
     return (padded[0], padded[1], padded[2])
 
