@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -125,6 +126,7 @@ def _box_of(link: GraphLink) -> tuple[float, float]:
     return width + 2.4 * PADDING, height + PADDING
 
 
+@functools.cache
 def _measure(text: str, size: float, bold: bool = False) -> float:
     """Measure the width of a line of text [in]."""
     from matplotlib.font_manager import FontProperties

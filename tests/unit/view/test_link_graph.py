@@ -212,6 +212,29 @@ def test_any_graph_is_placed_without_overlaps(data: st.DataObject) -> None:
             assert layout.labels[edge.name].y < layout.nodes[high].y
 
 
+@given(data=st.data())
+def test_any_mechanism_has_layers_and_a_layout(data: st.DataObject) -> None:
+    links: list[Any] = [po.Base(), po.Series("link 0", "base", joint=po.Revolute("q0"))]
+    for i in range(1, data.draw(st.integers(2, 8))):
+        father = data.draw(st.sampled_from([None, *(link.name for link in links)]))
+        free = po.Mobile(f"link {i}", prefix=f"{i}.")
+        links.append(free if father is None else po.Series(f"link {i}", father, joint=po.Revolute(f"q{i}")))
+    names = st.sampled_from([link.name for link in links])
+    pairs = data.draw(st.lists(st.tuples(names, names).filter(lambda pair: pair[0] != pair[1]), max_size=7))
+    closures = [po.Coincidence(a, (0, 0, 0), b, (0, 0, 0), name=str(k)) for k, (a, b) in enumerate(pairs)]
+    active, operational = [m.name for link in links for m in link.motions][:2]
+    mechanism = po.Mechanism("any", data.draw(st.permutations(links)), closures, [active], [operational])
+    graph = build_link_graph(mechanism)
+    layers = {link.name: link.layer for link in graph.links}
+    assert layers["base"] == 0
+    assert min(layers.values()) == 0
+    for tie in graph.ties:
+        assert tie.kind == "closure" or layers[tie.ends[0]] != layers[tie.ends[1]]
+    layout = lay_out_link_graph(mechanism)
+    assert overlaps(layout) == []
+    assert passes(layout, graph) == []
+
+
 @pytest.mark.parametrize(
     ("nodes", "edges", "message"),
     [
