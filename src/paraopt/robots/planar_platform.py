@@ -12,7 +12,8 @@ types of each other kind remain. Three legs are chosen with repetition and witho
 
 The source prints no dimensions. Ours are generic: no slides are parallel at home, the triangles of base and platform
 are not similar, no leg is stretched out. They were found by a random search for the largest of the smallest margins to
-singularities over all 1140 machines at home, and then rounded.
+singularities at home over the 1140 machines, legs in the order of `LEG_TYPES`, and then rounded; in another order a
+machine is as regular but may stand closer to a singularity at home.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError, unknown_name
-from paraopt.kinematics import Configuration, Kinematics, report_state
+from paraopt.kinematics import Configuration, Kinematics, compute_rank
 from paraopt.mechanism import Base, Closure, Joint, Link, Mechanism, Mobile, Prismatic, Revolute, Series, Weld
 from paraopt.robot import Limits, Robot
 from paraopt.shapes import Capsule, Shape
@@ -182,8 +183,9 @@ def analyse_platform(robot: Robot, poses: int = 6, spread: float = 0.15, seed: i
 
     Args:
         robot: Any planar machine with the operational variables x, y and theta.
-        poses: Number of random poses to reach, from at most four times as many.
-        spread: Largest shift from home in characteristic lengths, and largest turn, in multiples of 2 rad.
+        poses: Number of random poses to reach, from four times as many tries; those that are missing are looked for by
+            moving the drives.
+        spread: Largest shift from home in characteristic lengths, and largest turn in multiples of 2 rad.
         seed: Seed of the poses.
 
     Returns:
@@ -200,12 +202,19 @@ def analyse_platform(robot: Robot, poses: int = 6, spread: float = 0.15, seed: i
     kinematics = Kinematics(mechanism, backend="virtual machine")  # used once: compiling would take longer
     names = mechanism.operational
     home = kinematics.inverse({name: robot.home[name] for name in names}, start=robot.home).configuration
-    size = spread * np.array([2.0 if name == "theta" else mechanism.length for name in names])
-    targets = home.operational + np.random.default_rng(seed).uniform(-size, size, size=(4 * poses, len(names)))
-    batch = kinematics.solve_batch(names, targets, np.tile(home.X, (len(targets), 1)))
-    found = [home, *(kinematics.configuration(X) for X in batch.X[batch.converged][:poses])]
-    reports = [report_state(kinematics, configuration) for configuration in found]
-    rank, rank_held, rank_still = (max(r.ranks[k].value for r in reports) for k in ("E", "[N K]", "[M N]"))
+    found = [home, *_sample(kinematics, home, names, poses, spread, seed)]
+    if len(found) <= poses:  # where the legs hinder some poses, the drives still move
+        found += _sample(kinematics, home, mechanism.active, poses + 1 - len(found), spread, seed)
+    # the ranks of a full report of the state, without what else it finds out
+    (E,) = kinematics.functions.scaled_jacobian.batch(np.array([configuration.X for configuration in found]))
+    drives_end, passive_end = len(mechanism.active), E.shape[2] - len(names)
+    columns = (slice(None), slice(drives_end, None), slice(None, passive_end))
+    rank, rank_held, rank_still = (max(compute_rank(sample[:, c]).value for sample in E) for c in columns)
+    # as for any robot, the smallest singular values of the rows of an orthonormal basis of the motions
+    motions = scipy.linalg.null_space(E[0], rcond=1e-9)
+    parallel, serial = (
+        np.linalg.svd(motions[c], compute_uv=False)[-1] for c in (slice(drives_end), slice(passive_end, None))
+    )
     mobility, reason = len(mechanism.names) - rank, ""
     drives: tuple[str, ...] = ()
     if mobility != 3:
@@ -218,8 +227,20 @@ def analyse_platform(robot: Robot, poses: int = 6, spread: float = 0.15, seed: i
         reason = f"with its platform held the drives move at every pose ({_freedoms(rank - rank_still)})"
     return PlatformReport(
         robot.name, home.residual, len(found) - 1, mobility,
-        reports[0].parallel_margin, reports[0].serial_margin, reason, drives,
+        float(parallel), float(serial), reason, drives,
     )  # fmt: skip
+
+
+def _sample(
+    kinematics: Kinematics, home: Configuration, names: Sequence[str], count: int, spread: float, seed: int
+) -> list[Configuration]:
+    """Close the loops at random values of some variables around home, from four times as many tries."""
+    variables = kinematics.mechanism.variables
+    at = kinematics.mechanism.indices(names)
+    size = spread * np.array([2.0 if variables[i].kind == "angle" else kinematics.mechanism.length for i in at])
+    values = home.X[at] + np.random.default_rng(seed).uniform(-size, size, size=(4 * count, len(at)))
+    batch = kinematics.solve_batch(names, values, np.tile(home.X, (len(values), 1)))
+    return [kinematics.configuration(X) for X in batch.X[batch.converged][:count]]
 
 
 def _find_conflict(kinematics: Kinematics, found: Sequence[Configuration]) -> tuple[tuple[str, ...], bool]:
