@@ -41,7 +41,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         for quantity in ("velocity", "acceleration", "jerk"):
-            values = dict(getattr(self, quantity))
+            values = _as_mapping(getattr(self, quantity), f"{quantity} limits")
             for name, value in values.items():
                 if not (_is_finite(value) and value > 0):
                     raise DefinitionError(
@@ -49,11 +49,11 @@ class Limits:
                     )
                 values[name] = float(value)
             object.__setattr__(self, quantity, MappingProxyType(values))
-        ranges = dict(self.position)
+        ranges = _as_mapping(self.position, "position limits")
         for name, bounds in ranges.items():
             try:
                 low, high = (float(b) for b in bounds)
-            except (TypeError, ValueError) as error:
+            except (TypeError, ValueError, OverflowError) as error:
                 raise DefinitionError(
                     f"position limit of {name!r} is {bounds!r}; it must be two numbers, lowest and highest value",
                     limits=ranges,
@@ -138,6 +138,15 @@ class Robot:
     facts: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.mechanism, Mechanism):
+            raise DefinitionError(f"the robot's mechanism is {self.mechanism!r}; it must be a Mechanism")
+        if not isinstance(self.limits, Limits):
+            raise DefinitionError(f"limits of {self.name!r} are {self.limits!r}; they must be Limits")
+        if not isinstance(self.source, str):
+            raise DefinitionError(f"source of {self.name!r} is {self.source!r}; it must be a string")
+        for mapping in ("home", "shapes", "masses", "contacts", "facts"):
+            read = _as_mapping(getattr(self, mapping), f"{mapping} of {self.name!r}")
+            object.__setattr__(self, mapping, MappingProxyType(read))
         known = [link.name for link in self.mechanism.links]
         named: dict[str, tuple[Shape, ...]] = {}
         for link, shapes in self.shapes.items():
@@ -157,11 +166,17 @@ class Robot:
                 raise unknown_name("link that has a mass", link, known)
             if not (_is_finite(mass) and mass >= 0):
                 raise DefinitionError(f"mass of link {link!r} is {mass!r} kg; it must be finite and not negative")
-        for pair in self.contacts:
+        for pair, reason in self.contacts.items():
+            if not (isinstance(pair, tuple) and len(pair) == 2 and isinstance(reason, str)):
+                raise DefinitionError(
+                    f"contacts of {self.name!r} have {pair!r}: {reason!r}; they must map two links to the reason"
+                )
             for link in pair:
                 if link not in known:
                     raise unknown_name("link in the contacts", link, known)
         if self.tool is not None:
+            if not (isinstance(self.tool, (tuple, list)) and len(self.tool) == 2):
+                raise DefinitionError(f"tool of {self.name!r} is {self.tool!r}; it must be a link and a point on it")
             link, point = self.tool
             if link not in known:
                 raise unknown_name("link that carries the tool", link, known)
@@ -172,13 +187,14 @@ class Robot:
                 raise DefinitionError(
                     f"home value of {name!r} is {value!r} {variable.unit}; it must be a finite number"
                 )
+        for fact, value in self.facts.items():
+            if not isinstance(fact, str) or isinstance(value, bool) or not isinstance(value, numbers.Integral):
+                raise DefinitionError(f"fact {fact!r} of {self.name!r} is {value!r}; it must be a whole number")
         missing = [n for n in self.mechanism.operational if n not in self.home]
         if missing:
             raise DefinitionError(f"home of {self.mechanism.name!r} lacks the operational variables {missing}")
         self.limits.check_fit(self.mechanism)
         object.__setattr__(self, "shapes", MappingProxyType(named))
-        for mapping in ("home", "masses", "contacts", "facts"):
-            object.__setattr__(self, mapping, MappingProxyType(dict(getattr(self, mapping))))
 
     @property
     def name(self) -> str:
@@ -201,6 +217,15 @@ class Robot:
         return self.kinematics.inverse(imposed, start=self.home).configuration
 
 
+def _as_mapping(values: Any, what: str) -> dict[Any, Any]:
+    if not isinstance(values, Mapping):
+        raise DefinitionError(f"{what} are {values!r}; they must be a mapping")
+    return dict(values)
+
+
 def _is_finite(value: Any) -> bool:
     """Tell whether a value is a finite real number, of Python or NumPy."""
-    return isinstance(value, numbers.Real) and bool(np.isfinite(float(value)))
+    try:
+        return isinstance(value, numbers.Real) and bool(np.isfinite(float(value)))
+    except OverflowError:  # a whole number that no float holds
+        return False

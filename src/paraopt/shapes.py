@@ -30,6 +30,8 @@ class Shape:
     pose: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise DefinitionError(f"name of a {type(self).__name__.lower()} is {self.name!r}; it must be a string")
         object.__setattr__(self, "pose", check_pose(self.pose, f"pose of {self.label}"))
 
     @property
@@ -45,9 +47,9 @@ class Shape:
     def _check_size(self, quantity: str, value: Any) -> float:
         try:
             number = float(value)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise DefinitionError(f"{quantity} of {self.label} is {value!r}; it must be a number of metres") from error
-        if not (np.isfinite(number) and number > 0.0):
+        if not 0.0 < number < 1e150:  # squares of larger numbers overflow
             raise DefinitionError(f"{quantity} of {self.label} is {number} m; it must be finite and above 0")
         return number
 
@@ -164,7 +166,10 @@ def check_solids(shapes: Any, what: str) -> tuple[Shape, ...]:
     kinds = "Box, Sphere, Cylinder or Capsule"
     if isinstance(shapes, (str, bytes)) or not isinstance(shapes, Iterable):
         raise DefinitionError(f"{what}: {shapes!r} is given; it must be a list of {kinds}")
-    solids = tuple(shapes)
+    try:
+        solids = tuple(shapes)
+    except TypeError as error:  # an array without dimension says that it is iterable
+        raise DefinitionError(f"{what}: {shapes!r} is given; it must be a list of {kinds}") from error
     for solid in solids:
         if not isinstance(solid, Shape):
             raise DefinitionError(f"{what}: {solid!r} is not a shape; use {kinds}")

@@ -415,3 +415,50 @@ def test_junk_in_a_mechanism_is_refused_or_used(data: st.DataObject) -> None:
         pass  # refused: anything else would end the test
     else:
         assert math.isfinite(mechanism.length)
+
+
+ODD_OF_ROBOTS: list[Callable[[], Any]] = [
+    lambda: {"tip": [1]}, lambda: {"tip": po.Sphere(radius=1)}, lambda: {("a", "b"): "c"}, lambda: {("tip", "base"): 3},
+    lambda: {"x": "a", "y": 1}, lambda: {"x": 10**400, "y": 0}, lambda: {"x": np.zeros(2), "y": 0}, lambda: {"x": None},
+    lambda: {"x": (0, math.nan)}, lambda: {"x": (0, 10**400)}, lambda: {"tip": "1"}, lambda: {"tip": math.nan},
+    lambda: ("tip",), lambda: ("tip", 1), lambda: (["tip"], (1, 2)), lambda: {"rank E": 1.5}, lambda: {"mobility": 2},
+    lambda: {3: "a"},
+]  # fmt: skip
+odd_of_robots = junk | st.sampled_from(ODD + ODD_OF_ROBOTS).map(lambda make: make())
+
+
+@MANY
+@given(data=st.data())
+def test_junk_in_a_robot_is_refused_or_used(data: st.DataObject) -> None:
+    good = five_bar_robot()
+    values = {f.name: getattr(good, f.name) for f in dataclasses.fields(good)}
+    for field in data.draw(st.lists(st.sampled_from(sorted(values)), min_size=1, max_size=2)):
+        values[field] = data.draw(odd_of_robots)
+    if data.draw(st.booleans()):
+        quantity = data.draw(st.sampled_from(["position", "velocity", "acceleration", "jerk"]))
+        values["limits"] = lambda: po.Limits(**{quantity: data.draw(odd_of_robots)})
+    try:
+        made = {k: v() if k == "limits" and callable(v) and not isinstance(v, type) else v for k, v in values.items()}
+        robot = po.Robot(**made)
+    except po.DefinitionError:
+        pass  # refused: anything else would end the test
+    else:
+        low, high = robot.limits.bounds(robot.mechanism)
+        assert np.all(low <= high)
+        assert len(po.Scene(robot).bodies) == sum(map(len, robot.shapes.values()))
+
+
+@MANY
+@given(cls=st.sampled_from([m.cls for m in SHAPES.members.values()]), data=st.data())
+def test_junk_in_a_shape_is_refused_or_used(cls: type, data: st.DataObject) -> None:
+    values: dict[str, Any] = {"size": (1, 1, 1), "radius": 1.0, "length": 1.0, "name": "a", "pose": np.eye(4)}
+    values = {f.name: values[f.name] for f in dataclasses.fields(cls)}
+    poses = [np.eye(3), 1j * np.eye(4), 1e200 * np.eye(4), np.full((4, 4), 1e308), np.diag([1.0, 1.0, -1.0, 1.0])]
+    for field in data.draw(st.lists(st.sampled_from(sorted(values)), min_size=1, max_size=2)):
+        values[field] = data.draw(odd_of_robots | st.sampled_from(poses))
+    try:
+        scene = po.Scene(five_bar_robot(), [cls(**values)])
+    except po.DefinitionError:
+        pass  # refused: anything else would end the test
+    else:
+        assert 0.0 < scene.obstacles[0].bounding_radius < math.inf
