@@ -1,6 +1,7 @@
 """paraopt: certified trajectories for robots whose links form closed loops."""
 
 from paraopt import robots
+from paraopt.closure import Gauge
 from paraopt.errors import (
     BackendError,
     BudgetExceededError,
@@ -108,6 +109,7 @@ __all__ = [
     "Cylindrical",
     "DefinitionError",
     "Fixed",
+    "Gauge",
     "InfeasibleError",
     "Isotropy",
     "Jacobians",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
 from typing import Any, Literal
 
@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.errors import DefinitionError
+from paraopt.errors import DefinitionError, unknown_name
 from paraopt.mechanism import (
     Base,
     Closure,
@@ -24,10 +24,13 @@ from paraopt.mechanism import (
     PerpendicularAxes,
     PointOnLine,
     PointOnPlane,
+    Prismatic,
+    Revolute,
     Series,
     Weld,
 )
 from paraopt.mechanism.closures import unit
+from paraopt.mechanism.joints import UNLIMITED, Kind, Range
 from paraopt.spatial import rotation_about, rotation_xyz
 
 Unit = Literal["m", "1"]
@@ -87,17 +90,43 @@ class ClosureGraph:
         return np.array([self.mechanism.length if row.unit == "m" else 1.0 for row in self.rows])
 
 
-def build_closure(mechanism: Mechanism) -> ClosureGraph:
+@dataclass(frozen=True, eq=False)
+class Gauge:
+    """Name a quantity that can be read off a configuration, so that it can be imposed or solved for like a variable.
+
+    It becomes a passive variable of the equations, tied to its expression by an equation of its own.
+
+    Attributes:
+        name: Name of the variable.
+        expression: Function of the values of all variables and of the poses (4 x 4) of all links in the world, each by
+            name, that gives a CasADi scalar [m or rad].
+        kind: "length" [m] or "angle" [rad]; an angle is not reduced to a turn.
+        range: Lowest and highest value [m or rad].
+    """
+
+    name: str
+    expression: Callable[[Mapping[str, ca.SX], Mapping[str, ca.SX]], ca.SX]
+    kind: Kind = "length"
+    range: Range = UNLIMITED
+
+
+def build_closure(mechanism: Mechanism, gauges: Sequence[Gauge] = ()) -> ClosureGraph:
     """Build the closure equations and the link poses of a mechanism.
 
     Args:
         mechanism: The description.
+        gauges: Quantities that are added as passive variables, each with one equation.
 
     Returns:
         The graph; `F(X) = 0` where the loops are closed, `E Xdot = M qdot_a + N qdot_p + K xdot = 0` on a motion.
 
+    Raises:
+        DefinitionError: A gauge has the name of a variable, or its expression cannot be built or is no scalar.
+
     Source: Lahouar, II.1, II.2.
     """
+    if gauges:
+        mechanism = _add_gauges(mechanism, gauges)
     X = ca.SX.sym("X", len(mechanism.names))
     value = {name: X[i] for i, name in enumerate(mechanism.names)}
     X_W: dict[str, ca.SX] = {}
@@ -110,8 +139,35 @@ def build_closure(mechanism: Mechanism) -> ClosureGraph:
         for expression, new in build_equations(constraint, X_W, mechanism.planar):
             equations.append(expression)
             rows += new
+    for gauge in gauges:
+        equations.append(_read_gauge(gauge, value, X_W) - value[gauge.name])
+        rows.append(Row(f"gauge {gauge.name}", "m" if gauge.kind == "length" else "1"))
     F = ca.vertcat(*equations) if equations else ca.SX(0, 1)
     return ClosureGraph(mechanism, X, F, tuple(rows), X_W)
+
+
+def _add_gauges(mechanism: Mechanism, gauges: Sequence[Gauge]) -> Mechanism:
+    """Add a variable for each gauge, as the joint of a link that carries nothing."""
+    base, links = mechanism.base.name, []
+    for gauge in gauges:
+        joint = (
+            Revolute(gauge.name, "z", gauge.range) if gauge.kind == "angle" else Prismatic(gauge.name, "x", gauge.range)
+        )
+        links.append(Series(f"gauge {gauge.name}", base, joint=joint))
+    # the unit in which lengths are judged is that of the machine, not of its gauges
+    return replace(mechanism, links=(*mechanism.links, *links), characteristic_length=mechanism.length)
+
+
+def _read_gauge(gauge: Gauge, value: Mapping[str, ca.SX], X_W: Mapping[str, ca.SX]) -> ca.SX:
+    try:
+        expression = ca.SX(gauge.expression(value, X_W))
+    except KeyError as error:
+        raise unknown_name(f"variable or link in gauge {gauge.name!r}", str(error.args[0]), [*value, *X_W]) from error
+    except (TypeError, ValueError, RuntimeError, NotImplementedError, IndexError) as error:
+        raise DefinitionError(f"expression of gauge {gauge.name!r} cannot be built: {error}") from error
+    if expression.shape != (1, 1):
+        raise DefinitionError(f"expression of gauge {gauge.name!r} has shape {expression.shape}; it must be a scalar")
+    return expression
 
 
 Equations = list[tuple[ca.SX, list[Row]]]

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from paraopt.closure import ClosureGraph, build_closure
-from paraopt.errors import DefinitionError, SolveError
+from paraopt.closure import ClosureGraph, Gauge, build_closure
+from paraopt.errors import DefinitionError, unknown_name
 from paraopt.kinematics.codegen import Backend
 from paraopt.kinematics.configuration import Configuration
 from paraopt.kinematics.functions import FunctionSet
 from paraopt.kinematics.legs import Leg, find_legs
-from paraopt.kinematics.ranks import Rank, compute_rank
-from paraopt.kinematics.solve import ClosureSolution, SolveOptions, Status, solve_closure, solve_nearest
+from paraopt.kinematics.solution import Solution
+from paraopt.kinematics.solve import ClosureSolution, SolveOptions, solve_closure
+from paraopt.kinematics.xfkm import Question
 from paraopt.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -38,71 +39,6 @@ class Jacobians(NamedTuple):
     K: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Hold the answer of a model, with everything needed to trust it.
-
-    Attributes:
-        mechanism: The mechanism.
-        X: Final values of all variables [m or rad], shape (n_variables,).
-        status: How the solve ended.
-        residual: Largest scaled closure residual [1].
-        rank: Rank of the columns that were solved for.
-        undetermined: Number of motions, beyond idle ones, that the imposed variables leave free.
-        imposed: Imposed values by name.
-        deviation: Obtained minus imposed values by name; zero when converged.
-        out_of_range: Names of the variables outside their ranges.
-        iterations: Number of iterations.
-    """
-
-    mechanism: Mechanism
-    X: Array
-    status: Status
-    residual: float
-    rank: Rank
-    undetermined: int
-    imposed: Mapping[str, float]
-    deviation: Mapping[str, float]
-    out_of_range: tuple[str, ...]
-    iterations: int
-
-    @property
-    def configuration(self) -> Configuration:
-        """Give the closed configuration with the imposed values.
-
-        Raises:
-            SolveError: The solve did not converge; the message tells status, residual and rank.
-        """
-        if self.status in (Status.FAILED, Status.NEAREST):
-            raise SolveError(self.summary, solution=self)
-        return Configuration(self.mechanism, self.X, self.residual)
-
-    @property
-    def nearest(self) -> Configuration:
-        """Give the closed configuration, also when it misses the imposed values.
-
-        Raises:
-            SolveError: The loops could not be closed.
-        """
-        if self.status is Status.FAILED:
-            raise SolveError(self.summary, solution=self)
-        return Configuration(self.mechanism, self.X, self.residual)
-
-    @property
-    def summary(self) -> str:
-        """Say in one sentence how the solve ended."""
-        worst = max(self.deviation, key=lambda k: abs(self.deviation[k]), default=None)
-        miss = ""
-        if worst is not None and self.status in (Status.NEAREST, Status.FAILED):
-            got = self.imposed[worst] + self.deviation[worst]
-            unit = next(v.unit for v in self.mechanism.variables if v.name == worst)
-            miss = f"; {worst!r} wanted {self.imposed[worst]:.6g} {unit}, nearest {got:.6g} {unit}"
-        return (
-            f"{self.mechanism.name!r}: {self.status.value} (scaled residual {self.residual:.2g}, "
-            f"rank {self.rank.value}, undetermined {self.undetermined}){miss}"
-        )
-
-
 Start = Configuration | Mapping[str, float] | ArrayLike
 
 
@@ -113,17 +49,43 @@ class Kinematics:
         mechanism: The description.
         backend: "auto" uses generated C when a compiler is found and CasADi's virtual machine otherwise.
         options: Tolerances of the solves.
+        gauges: Quantities read off the configuration, added to the mechanism as passive variables.
     """
 
-    def __init__(self, mechanism: Mechanism, backend: Backend = "auto", options: SolveOptions | None = None) -> None:
-        self.mechanism = mechanism
-        self.graph: ClosureGraph = build_closure(mechanism)
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        backend: Backend = "auto",
+        options: SolveOptions | None = None,
+        gauges: Sequence[Gauge] = (),
+    ) -> None:
+        self.graph: ClosureGraph = build_closure(mechanism, gauges)
+        self.mechanism = self.graph.mechanism
+        self.gauges = tuple(gauges)
         self.functions = FunctionSet(self.graph, backend)
         self.options = options or SolveOptions()
         E = self.graph.E
-        column_used = np.zeros(len(mechanism.names), dtype=bool)
+        column_used = np.zeros(len(self.mechanism.names), dtype=bool)
         column_used[np.asarray(E.sparsity().get_triplet()[1], dtype=int)] = True
         self._structurally_used = column_used
+
+    def with_gauges(self, *gauges: Gauge) -> Kinematics:
+        """Add quantities that can then be imposed, or are solved for, like variables.
+
+        Args:
+            gauges: Quantities read off the configuration; those that are there already stay.
+
+        Returns:
+            The kinematics of the same mechanism with more passive variables.
+
+        Raises:
+            DefinitionError: A gauge has the name of a variable, or its expression cannot be built.
+        """
+        plain = self.mechanism
+        if self.gauges:
+            added = {g.name for g in self.gauges}
+            plain = replace(plain, links=[k for k in plain.links if not {m.name for m in k.motions} & added])
+        return Kinematics(plain, self.functions.backend, self.options, (*self.gauges, *gauges))
 
     def prepare(self, independent: Sequence[str] | None = None) -> None:
         """Compile, or load from the cache, all functions that planning needs; without it each is made at its first use.
@@ -220,20 +182,38 @@ class Kinematics:
 
         Source: Lahouar, II.3; Tripod.
         """
-        options = options or self.options
-        impose = {name: self._read_value(name, value) for name, value in impose.items()}
-        index = self.mechanism.indices(impose)
-        values = np.array(list(impose.values()))
-        free = np.ones(len(self.mechanism.names))
-        free[index] = 0.0
-        starts = self._starts(start)
-        starts[:, index] = values
-        exact = solve_closure(self.functions, starts, free, options)
-        if np.any(exact.converged):
-            best = int(np.argmax(exact.converged))
-            return self._conclude(exact.X[best], exact.residual[best], impose, free, exact.iterations, Status.CONVERGED)
-        origin = self._starts(start)[0]
-        return self._solve_nearest(origin, impose, free, values, index, options, exact.iterations)
+        return self._ask(impose, {}, options, within_ranges=False).answer(self._starts(start))
+
+    def fit(
+        self,
+        impose: Mapping[str, float],
+        start: Start | None = None,
+        weights: Mapping[str, float] | None = None,
+        options: SolveOptions | None = None,
+    ) -> Solution:
+        """Come as near to imposed values as closures and joint ranges allow (XFKM).
+
+        `minimise sum w_i^2 (X_i - imposed_i)^2 / s_i^2` over the closed configurations within the ranges. Unlike
+        `solve`, an exact solution outside the ranges is no answer. Newton's method is tried first, then sequential
+        quadratic programming on the closures, then IPOPT.
+
+        Args:
+            impose: Values by name [m or rad].
+            start: Where to start, as for `solve`.
+            weights: Weight of each imposed variable [1], above 0; 1 where nothing is said.
+            options: Tolerances; those of this object when None.
+
+        Returns:
+            The answer: CONVERGED or SINGULAR when the values are met, NEAREST when not, with the variables at the ends
+            of their ranges, FAILED when the loops could not be closed within the ranges.
+
+        Raises:
+            DefinitionError: A value is not finite, or a weight is not finite and above 0.
+            UnknownNameError: A name does not exist.
+
+        Source: Lahouar, II.3; Tripod.
+        """
+        return self._ask(impose, weights or {}, options, within_ranges=True).answer(self._starts(start))
 
     def inverse(self, x: Mapping[str, float], start: Start | None = None) -> Solution:
         """Solve for the joints at an operational pose: `solve` with the operational variables imposed."""
@@ -314,6 +294,24 @@ class Kinematics:
 
     # -- inside ----------------------------------------------------------------------------------------------------
 
+    def _ask(
+        self,
+        impose: Mapping[str, float],
+        weights: Mapping[str, float],
+        options: SolveOptions | None,
+        within_ranges: bool,
+    ) -> Question:
+        values = {name: self._read_value(name, value) for name, value in impose.items()}
+        weight = dict.fromkeys(values, 1.0)
+        for name, value in weights.items():
+            if name not in values:
+                raise unknown_name("imposed variable that has a weight", name, values)
+            weight[name] = self._read_value(name, value)
+            if weight[name] <= 0:
+                raise DefinitionError(f"weight of {name!r} is {weight[name]}; it must be above 0")
+        used = self._structurally_used
+        return Question(self.functions, used, values, weight, options or self.options, within_ranges)
+
     def _read_value(self, name: str, value: float) -> float:
         self.mechanism.index(name)
         try:
@@ -323,6 +321,13 @@ class Kinematics:
         if not np.isfinite(number):
             raise DefinitionError(f"imposed value of {name!r} is {value}; it must be finite")
         return number
+
+    def _read_gauges(self, X: Array, given: Mapping[str, float]) -> None:
+        """Write what the gauges show into a start that does not say it; their equations are the last ones."""
+        count = len(self.gauges)
+        for gauge, shown in zip(self.gauges, self.residual(X)[len(self.graph.rows) - count :], strict=True):
+            if gauge.name not in given:
+                X[self.mechanism.index(gauge.name)] = shown  # expression minus a value of zero
 
     def _free(self, imposed: Sequence[str]) -> Array:
         free = np.ones(len(self.mechanism.names))
@@ -347,11 +352,14 @@ class Kinematics:
                  for v in self.mechanism.variables]
             )  # fmt: skip
             return np.vstack([np.zeros(n), rng.uniform(low, np.maximum(low, high), size=(63, n))])
+        if isinstance(start, Configuration) and start.mechanism is not self.mechanism and self.gauges:
+            start = start.as_dict()  # of the mechanism without its gauges
         if isinstance(start, Configuration):
             return start.X[None, :].copy()
         if isinstance(start, Mapping):
             X = np.zeros(n)
-            X[self.mechanism.indices(start)] = list(start.values())
+            X[self.mechanism.indices(start)] = [self._read_value(n, v) for n, v in start.items()]
+            self._read_gauges(X, start)
         else:
             X = np.array(start, dtype=float)
         if X.shape != (n,) or not np.all(np.isfinite(X)):
@@ -359,55 +367,3 @@ class Kinematics:
                 f"start of {self.mechanism.name!r} must be {n} finite numbers; its shape is {X.shape}"
             )
         return X[None, :].copy()
-
-    def _solve_nearest(
-        self,
-        origin: Array,
-        impose: Mapping[str, float],
-        free: Array,
-        values: Array,
-        index: list[int],
-        options: SolveOptions,
-        spent: int,
-    ) -> Solution:
-        everything = np.ones_like(free)
-        closed = solve_closure(self.functions, origin, everything, options)
-        target, weight = origin.copy(), np.zeros_like(origin)
-        target[index], weight[index] = values, 1.0
-        lower = np.array([v.range[0] for v in self.mechanism.variables])
-        upper = np.array([v.range[1] for v in self.mechanism.variables])
-        X, iterations, settled = solve_nearest(self.functions, closed.X[0], target, weight, lower, upper, options)
-        polished = solve_closure(self.functions, X, everything, replace(options, step_limit=0.05))
-        final, residual = polished.X[0], float(polished.residual[0])
-        reached = float(np.max(np.abs(final[index] - values) / self.graph.variable_scale[index], initial=0.0))
-        closes = bool(polished.converged[0])
-        if closes and reached < 1e-6:
-            again = final.copy()
-            again[index] = values
-            exact = solve_closure(self.functions, again, free, options)
-            if exact.converged[0]:
-                return self._conclude(exact.X[0], exact.residual[0], impose, free, spent + iterations, Status.CONVERGED)
-        status = Status.NEAREST if closes and settled else Status.FAILED
-        return self._conclude(final, residual, impose, free, spent + iterations, status)
-
-    def _conclude(
-        self, X: Array, residual: float, impose: Mapping[str, float], free: Array, iterations: int, status: Status
-    ) -> Solution:
-        (E,) = self.functions.scaled_jacobian(X)
-        used = self._structurally_used  # a column that is empty at this place only is a motion that nothing holds
-        solved = used & (free > 0)
-        rank, rank_all = compute_rank(E[:, solved], whole=E), compute_rank(E)
-        undetermined = int(np.count_nonzero(solved)) - rank.value
-        mobility = int(np.count_nonzero(used)) - rank_all.value
-        if status is Status.CONVERGED and undetermined > max(mobility - len(impose), 0):
-            status = Status.SINGULAR
-        obtained = {name: float(X[self.mechanism.index(name)]) for name in impose}
-        out = tuple(
-            v.name
-            for v, value in zip(self.mechanism.variables, X, strict=True)
-            if not v.range[0] - 1e-9 <= value <= v.range[1] + 1e-9
-        )
-        return Solution(
-            self.mechanism, X, status, float(residual), rank, undetermined,
-            dict(impose), {n: obtained[n] - float(impose[n]) for n in impose}, out, iterations,
-        )  # fmt: skip

@@ -42,6 +42,7 @@ class SolveOptions:
         step_limit: Largest change of a variable in one iteration, in characteristic lengths or radians.
         nearest_iterations: Bound on the iterations of the search for the nearest values.
         nearest_tolerance: Scaled step at which the search for the nearest values ends [1].
+        interior_iterations: Bound on IPOPT's iterations, where the search for the nearest values did not settle.
     """
 
     tolerance: float = 1e-12
@@ -50,6 +51,7 @@ class SolveOptions:
     step_limit: float = 0.5
     nearest_iterations: int = 80
     nearest_tolerance: float = 1e-8
+    interior_iterations: int = 500
 
 
 @dataclass(frozen=True, eq=False)
