@@ -92,7 +92,7 @@ def three_rpr_innocenti() -> Robot:
 
     A1 is the origin, A2 = (15.9, 0), A3 = (0, 10); the sides of the platform are B1B2 = 17.0, B2B3 = 16.5 and
     B3B1 = 20.8, with B3 to the left of the line from B1 to B2, which is the platform's x axis. Strokes from 10 to 32.
-    Home is near the third of the six solutions for the legs 15.0, 15.4, 12.0, which is far from singularities.
+    Home is near the fifth of the six solutions for the legs 15.0, 15.4, 12.0, one of those far from singularities.
 
     Returns:
         The robot, as `three_rpr`.
@@ -105,7 +105,7 @@ def three_rpr_innocenti() -> Robot:
         base=((0.0, 0.0), (15.9, 0.0), (0.0, 10.0)),
         platform=((0.0, 0.0), (B1B2, 0.0), (along, math.sqrt(B3B1**2 - along**2))),
         strokes=(10.0, 32.0),
-        pose=(-14.9, 1.6, 0.24),
+        pose=(14.9, -1.3, 1.0),
         radius=0.3,
         name="3-RPR of Innocenti",
     )
