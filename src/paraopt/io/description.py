@@ -17,7 +17,7 @@ import tomlkit
 from tomlkit.items import Array, InlineTable, Item, Table
 
 from paraopt.errors import DefinitionError
-from paraopt.io.codecs import ANGLES, LENGTHS, Place, Record, Text, Units
+from paraopt.io.codecs import ANGLES, LENGTHS, Place, Record, Text, Units, shorten
 from paraopt.io.files import write_atomically
 from paraopt.io.schema import MECHANISM, OBSTACLES, ROBOT
 from paraopt.mechanism import Mechanism
@@ -99,9 +99,11 @@ def save_mechanism(mechanism: Mechanism, path: str | os.PathLike[str]) -> Path:
         The target.
 
     Raises:
-        DefinitionError: A type is not one of the format, or a name is not text.
+        DefinitionError: A type is not one of the format, or a text holds what no file can.
         OSError: The file cannot be written.
     """
+    if not isinstance(mechanism, Mechanism):
+        raise DefinitionError(f"{shorten(mechanism)} is given; save_mechanism writes a Mechanism, save_robot a Robot")
     return write_atomically(path, _to_toml(MECHANISM.write(mechanism)))
 
 
@@ -116,9 +118,11 @@ def save_robot(robot: Robot, path: str | os.PathLike[str]) -> Path:
         The target.
 
     Raises:
-        DefinitionError: A type is not one of the format, or a name is not text.
+        DefinitionError: A type is not one of the format, or a text holds what no file can.
         OSError: The file cannot be written.
     """
+    if not isinstance(robot, Robot):
+        raise DefinitionError(f"{shorten(robot)} is given; save_robot writes a Robot, save_mechanism a Mechanism")
     data = MECHANISM.write(robot.mechanism) | ROBOT.write(robot, mechanism=robot.mechanism)
     return write_atomically(path, _to_toml(data))
 

@@ -141,6 +141,15 @@ def test_defaults_are_left_out_and_places_are_readable(tmp_path: Path) -> None:
     ]
 
 
+def test_the_other_kind_of_machine_is_refused(tmp_path: Path) -> None:
+    robot: Any = five_bar_robot()
+    with pytest.raises(po.DefinitionError, match="save_robot a Robot"):
+        po.save_mechanism(robot, tmp_path / "m.toml")
+    with pytest.raises(po.DefinitionError, match="save_mechanism a Mechanism"):
+        po.save_robot(robot.mechanism, tmp_path / "m.toml")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
     @dataclasses.dataclass(frozen=True)
     class Twist(parts.Joint):
