@@ -6,6 +6,7 @@ Tests import it as `from support import ...`; pytest puts this folder on the pat
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -140,3 +141,20 @@ def raf_configurations(count: int = 12, seed: int = 0) -> tuple[po.Configuration
         robot.kinematics.inverse(dict(zip("xyz", p, strict=True)), start=robot.home_configuration).configuration
         for p in poses.tolist()
     )
+
+
+# --- The library
+
+
+def library_robots() -> list[str]:
+    """List the names of the functions of `paraopt.robots` that build a robot."""
+    return [n for n in po.robots.__all__ if inspect.isfunction(getattr(po.robots, n))]
+
+
+@functools.cache
+def library_robot(name: str) -> po.Robot:
+    """Build a robot with its defaults; the virtual machine spares the compiler 25 machines. Do not change it."""
+    robot = getattr(po.robots, name)()
+    assert isinstance(robot, po.Robot)
+    robot.__dict__["kinematics"] = po.Kinematics(robot.mechanism, "virtual machine")
+    return robot

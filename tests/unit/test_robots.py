@@ -14,9 +14,9 @@ from scipy.linalg import qr
 
 import paraopt as po
 from paraopt.kinematics import GeneralState, find_general_state, null_space
-from support import Array, finite_difference
+from support import Array, finite_difference, library_robot, library_robots
 
-NAMES = [n for n in po.robots.__all__ if inspect.isfunction(getattr(po.robots, n))]
+NAMES = library_robots()
 # Facts that the report gives; the others (working and assembly modes) are counted by the models that find them.
 REPORTED: dict[str, Callable[[po.StateReport], int]] = {
     "variables": lambda r: r.n_variables,
@@ -32,17 +32,8 @@ COUNTED = {"working modes", "assembly modes"}
 
 
 @functools.cache
-def build(name: str) -> po.Robot:
-    """Build a robot with its defaults; the virtual machine spares the compiler 25 machines."""
-    robot = getattr(po.robots, name)()
-    assert isinstance(robot, po.Robot)
-    robot.__dict__["kinematics"] = po.Kinematics(robot.mechanism, "virtual machine")
-    return robot
-
-
-@functools.cache
 def general(name: str) -> GeneralState:
-    return find_general_state(build(name).kinematics, build(name).home_configuration)
+    return find_general_state(library_robot(name).kinematics, library_robot(name).home_configuration)
 
 
 def test_the_library_is_complete() -> None:
@@ -57,7 +48,7 @@ def test_the_library_is_complete() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_assembles_at_home(name: str) -> None:
-    robot = build(name)
+    robot = library_robot(name)
     home = robot.home_configuration
     assert home.residual <= 1e-10
     assert_allclose(home.operational, [robot.home[n] for n in robot.mechanism.operational], atol=0)
@@ -67,7 +58,7 @@ def test_assembles_at_home(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_facts_are_those_of_the_report(name: str) -> None:
-    robot = build(name)
+    robot = library_robot(name)
     assert set(robot.facts) <= {*REPORTED, *COUNTED}
     assert {"variables", "equations", "rank E", "mobility"} <= set(robot.facts)
     report = po.report_state(robot.kinematics, robot.home_configuration)
@@ -78,7 +69,7 @@ def test_facts_are_those_of_the_report(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_home_is_a_generic_pose(name: str) -> None:
     """No rank is smaller at home than around it, and none hangs on the tolerance."""
-    robot = build(name)
+    robot = library_robot(name)
     report = po.report_state(robot.kinematics, robot.home_configuration)
     assert {n: r.value for n, r in report.ranks.items()} == dict(report.general_ranks)
     assert not report.is_doubtful
@@ -90,7 +81,7 @@ def test_home_is_a_generic_pose(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_velocities_close_the_loops_on_a_finite_motion(name: str) -> None:
     """M qdot_a + N qdot_p + K xdot = 0 with velocities from differences of closed configurations, to 1e-9."""
-    robot = build(name)
+    robot = library_robot(name)
     kinematics, scale = robot.kinematics, robot.kinematics.graph.variable_scale
     random = np.random.default_rng(7)
     start = kinematics.configuration(general(name).X[-1])
@@ -126,7 +117,7 @@ def test_velocities_close_the_loops_on_a_finite_motion(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_limits_hold_at_home(name: str) -> None:
-    robot = build(name)
+    robot = library_robot(name)
     low, high = robot.limits.bounds(robot.mechanism)
     X = robot.home_configuration.X
     outside = [n for n, v, a, b in zip(robot.mechanism.names, X, low, high, strict=True) if not a <= v <= b]
@@ -137,7 +128,7 @@ def test_limits_hold_at_home(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_solids_do_not_collide_at_home(name: str) -> None:
-    robot = build(name)
+    robot = library_robot(name)
     assert robot.shapes, "a robot without solids cannot be planned among obstacles"
     scene = po.Scene(robot)
     if not scene.pairs:
@@ -149,7 +140,7 @@ def test_solids_do_not_collide_at_home(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_toml_round_trip(name: str, tmp_path: Path) -> None:
-    robot = build(name)
+    robot = library_robot(name)
     po.save_robot(robot, tmp_path / "robot.toml")
     again = po.load_robot(tmp_path / "robot.toml")
     assert again.mechanism == robot.mechanism
@@ -166,6 +157,6 @@ def test_toml_round_trip(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_source_is_stated(name: str) -> None:
-    robot = build(name)
+    robot = library_robot(name)
     assert robot.source
     assert "Source:" in (inspect.getdoc(getattr(po.robots, name)) or "")

@@ -362,7 +362,8 @@ def test_too_few_iterations_are_not_a_solution(raf: po.Kinematics, home: po.Conf
 
 
 def test_options_of_the_object_are_used(raf: po.Kinematics, home: po.Configuration) -> None:
-    hurried = po.Kinematics(raf.mechanism, options=po.SolveOptions(iterations=1, nearest_iterations=1, interior_iterations=1))
+    options = po.SolveOptions(iterations=1, nearest_iterations=1, interior_iterations=1)
+    hurried = po.Kinematics(raf.mechanism, options=options)
     assert hurried.solve({"x": 0.05, "y": 0.05, "z": 0.55}, home).status is Status.FAILED
 
 
