@@ -369,6 +369,45 @@ def test_an_impossible_obstacle_is_refused_with_the_default_options() -> None:
     assert "tool / wall" in str(caught.value) or isinstance(caught.value, po.BudgetExceededError)
 
 
+# --- Any problem
+
+
+def _random_problem(index: int) -> tuple[po.Problem, po.planning.Retimer]:
+    """Put a turned solid near the middle of a straight motion between two poses."""
+    random = np.random.default_rng([7, index])
+    start, goal = random.uniform((-0.08, -0.08, 0.44), (0.08, 0.08, 0.57), size=(2, 3))
+    place = 0.5 * (start + goal) + random.normal(0.0, 0.01, 3) + (0.0, 0.0, 0.08)
+    pose = po.transform(place, random.uniform(-np.pi, np.pi, 3))
+    radius, length, size = random.uniform(0.005, 0.03), random.uniform(0.02, 0.3), random.uniform(0.01, 0.08, 3)
+    solids = [
+        po.Sphere(radius=radius, pose=pose),
+        po.Cylinder(radius=radius, length=length, pose=pose),
+        po.Box(size=size, pose=pose),
+        po.Capsule(radius=radius, length=length, pose=pose),
+    ]
+    margins = po.Margins(clearance=random.choice([0.0, 0.002, 0.005]), singularity=random.choice([0.0, 0.05]))
+    names = ("x", "y", "z")
+    ends = [dict(zip(names, pose.tolist(), strict=True)) for pose in (start, goal)]
+    scene = po.Scene(raf_robot(), [solids[random.integers(4)]])
+    retimer = po.TimeOptimal() if random.integers(2) else po.JerkLimited()
+    return po.Problem(scene, *ends, margins=margins), retimer
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", range(4))
+def test_any_problem_ends_with_a_certificate_or_is_infeasible(block: int) -> None:
+    planned = 0
+    for index in range(50 * block, 50 * (block + 1)):
+        problem, retimer = _random_problem(index)
+        try:
+            plan = po.plan(problem, retimer=retimer)
+        except po.InfeasibleError:  # an end in a solid or out of reach, mostly
+            continue
+        assert plan.certificate.passed
+        planned += 1
+    assert planned >= 10
+
+
 # --- A plan that its certificate contradicts
 
 

@@ -37,6 +37,23 @@ class TimeLaw:
         values = self._polynomial(times) if order == 0 else self._polynomial.derivative(order)(times)
         return np.clip(values, 0.0, 1.0) if order == 0 else np.asarray(values)
 
+    def time_at(self, s: ArrayLike) -> Array:
+        """Tell when parameters are reached.
+
+        Args:
+            s: Parameters in [0, 1], shape (n,).
+
+        Returns:
+            Times [s], shape (n,); the law must not run backwards.
+        """
+        wanted = np.asarray(s, dtype=float)
+        low, high = np.zeros_like(wanted), np.full_like(wanted, self.duration)
+        for _ in range(60):  # halving down to round-off
+            middle = 0.5 * (low + high)
+            before = self(middle) < wanted
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        return 0.5 * (low + high)
+
     def stretched(self, factor: float) -> TimeLaw:
         """Return the same law run in `factor` times the time: speeds fall by it, accelerations by its square.
 

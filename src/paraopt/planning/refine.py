@@ -158,6 +158,44 @@ def _solve_goal(problem: Problem, near: Array, values: Array) -> Array:
     return problem.robot.kinematics.solve_batch(problem.independent, values[None, :], near[None, :]).X[0]
 
 
+def look_for_closest(
+    problem: Problem, path: Path, s: Array, X: Array, parts: int = 10, rounds: int = 6
+) -> tuple[Array, NDArray[np.intp]]:
+    """Measure the clearance at many points of a path, and between them where it may fall below what is asked.
+
+    A distance falls to an edge in a straight line and rises again: between two points it may be lower than at both by
+    as much as the slopes around them let it. There the path is divided again.
+
+    Args:
+        problem: The problem.
+        path: The path.
+        s: Parameters, ascending, shape (n,).
+        X: Configurations there, shape (n, n_variables).
+        parts: Number of parts of a divided interval.
+        rounds: Bound on the divisions.
+
+    Returns:
+        Smallest distances [m] and indices of their pairs at all points that were looked at.
+    """
+    distance, pair = problem.scene.clearances(X)
+    if not problem.scene.pairs:
+        return distance, pair
+    for _ in range(rounds):
+        step = np.diff(s)
+        slope = np.abs(np.diff(distance)) / step
+        steepest = np.maximum(slope, np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1])))
+        lowest = 0.5 * (distance[:-1] + distance[1:] - steepest * step)
+        doubtful = np.flatnonzero((lowest < problem.margins.clearance) & (step > 1e-9))
+        if np.min(distance) < problem.margins.clearance or not doubtful.size:
+            break
+        between = (s[doubtful, None] + step[doubtful, None] * (np.arange(1, parts) / parts)).ravel()
+        found, which = problem.scene.clearances(path.solve(between))
+        order = np.argsort(np.concatenate([s, between]), kind="stable")
+        s = np.concatenate([s, between])[order]
+        distance, pair = np.concatenate([distance, found])[order], np.concatenate([pair, which])[order]
+    return distance, pair
+
+
 def _check_densely(problem: Problem, path: Path, count: int) -> _Violation | None:
     """Look for violations at many points of a path; None when there is none."""
     X = path.solve(np.linspace(0.0, 1.0, count + 1))
@@ -166,7 +204,7 @@ def _check_densely(problem: Problem, path: Path, count: int) -> _Violation | Non
     beyond = float(np.max(np.maximum(low - X, X - high) / scale, initial=0.0))
     margins = problem.space.margins(X)
     short = problem.margins.singularity - float(np.min([margins.parallel, margins.serial]))
-    distance, pair = problem.scene.clearances(X)
+    distance, pair = look_for_closest(problem, path, np.linspace(0.0, 1.0, count + 1), X)
     near = problem.margins.clearance - float(np.min(distance))
     if beyond <= 0.0 and short <= 0.0 and near <= 0.0:
         return None

@@ -82,6 +82,23 @@ def sample_drives(problem: Problem, path: Path, s: Array) -> DrivePath:
     )  # fmt: skip
 
 
+def choose_times(path: Path, law: TimeLaw, count: int) -> Array:
+    """Choose times at which a law is judged: evenly spread, where its pieces meet, and where those of the path do.
+
+    At the knots of the path's spline its second derivative has corners, and the accelerations their peaks.
+
+    Args:
+        path: The path.
+        law: The time law.
+        count: Number of evenly spread times.
+
+    Returns:
+        Times in ascending order [s].
+    """
+    knots = law.time_at(np.unique(path.spline.t).clip(0.0, 1.0))
+    return np.unique(np.concatenate([np.linspace(0.0, law.duration, count), law.breaks, knots]))
+
+
 @dataclass(frozen=True)
 class LimitUse:
     """Hold the largest share of each limit that a time law uses; 1 is the limit.

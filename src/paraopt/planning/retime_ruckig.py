@@ -13,7 +13,7 @@ from paraopt.errors import DefinitionError, RetimeError
 from paraopt.planning.law import TimeLaw
 from paraopt.planning.path import Path
 from paraopt.planning.problem import Problem
-from paraopt.planning.retime_base import DrivePath, measure_use, sample_drives
+from paraopt.planning.retime_base import DrivePath, choose_times, measure_use, sample_drives
 from paraopt.planning.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ class JerkLimited:
         return sorted(triples, key=lambda triple: _profile(*triple).duration)[:3]
 
     def _scale(self, problem: Problem, path: Path, law: TimeLaw, count: int) -> TimeLaw:
-        times = np.union1d(np.linspace(0.0, law.duration, count), law.breaks)
+        times = choose_times(path, law, count)
         s = law(times)
         drives = sample_drives(problem, path, s)
         return law.stretched(measure_use(drives, law, times, _third(path, s, len(drives.names))).stretch)

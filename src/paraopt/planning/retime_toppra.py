@@ -16,7 +16,7 @@ from paraopt.errors import BackendError, DefinitionError, RetimeError
 from paraopt.planning.law import TimeLaw
 from paraopt.planning.path import Path
 from paraopt.planning.problem import Problem
-from paraopt.planning.retime_base import DrivePath, measure_use, sample_drives
+from paraopt.planning.retime_base import DrivePath, choose_times, measure_use, sample_drives
 from paraopt.planning.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -93,8 +93,7 @@ class TimeOptimal:
         n = self.n_grid
         for attempt in range(self.refinements + 1):
             law = self._solve(problem, path, n)
-            # offset from the grid points, and the points themselves, where the acceleration of the law jumps
-            times = np.union1d(np.linspace(0.0, law.duration, 10 * n + 7), law.breaks)
+            times = choose_times(path, law, 10 * n + 7)  # offset from the grid points
             use = measure_use(sample_drives(problem, path, law(times)), law, times)
             if use.stretch <= 1.0 + self.tolerated or attempt == self.refinements:
                 factor = use.stretch * (1.0 + self.reserve)
@@ -108,7 +107,8 @@ class TimeOptimal:
         u = np.linspace(0.0, 1.0, n + 1)
         spread = 0.3 * u + 0.7 * 0.5 * (1.0 - np.cos(np.pi * u))
         knots = np.unique(path.spline.t)
-        s = np.union1d(spread, knots[np.min(np.abs(knots[:, None] - spread), axis=1) > 0.1 / n])
+        near = np.min(np.abs(spread[:, None] - knots), axis=1) <= 0.1 / n
+        s = np.union1d(spread[~near], knots)
         drives = sample_drives(problem, path, s)
         still = np.max(np.abs(drives.dq) / drives.velocity, axis=1)
         self._check_moves(path, s, still <= 1e-9 * np.max(still))

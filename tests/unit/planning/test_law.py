@@ -30,6 +30,13 @@ def test_derivatives_are_those_of_the_pieces(law: TimeLaw) -> None:
     np.testing.assert_array_equal(law(t, 3), [0.0, 0.0, 0.0])
 
 
+def test_times_of_parameters_are_found(law: TimeLaw) -> None:
+    # halved to round-off of a time of 2 s
+    np.testing.assert_allclose(law.time_at([0.0, 0.03125, 0.5, 0.875, 1.0]), [0.0, 0.25, 1.0, 1.5, 2.0], atol=1e-7)
+    # at rest many times have parameters that are 1 but for round-off; between, they are known better
+    np.testing.assert_allclose(law.time_at([0.03125, 0.5, 0.875]), [0.25, 1.0, 1.5], rtol=0, atol=1e-14)
+
+
 def test_times_beyond_the_ends_count_as_the_ends(law: TimeLaw) -> None:
     np.testing.assert_array_equal(law([-1.0, 9.0]), [0.0, 1.0])
 

@@ -13,7 +13,8 @@ import pytest
 import paraopt as po
 from motions import CLEARANCE, TASKS, plan_of, problem_of, raf_problem, turning_problem
 from paraopt.planning import Nlp, Refined, Seed
-from support import assert_derivative, finite_difference
+from paraopt.planning.refine import look_for_closest
+from support import assert_derivative, finite_difference, raf_robot
 
 Array = np.ndarray
 
@@ -321,6 +322,27 @@ def test_faulty_options_are_refused(options: dict[str, float], words: str) -> No
     with pytest.raises(po.DefinitionError) as caught:
         po.SplineRefiner(**options)
     assert words in str(caught.value)
+
+
+# --- Between the samples
+
+
+def test_a_dip_between_two_points_is_found() -> None:
+    """A needle 16.5 mm beside the tool's way, in the middle between two points that are 6.3 mm apart."""
+    path, clearance = plan_of("free").path, 0.0045
+    middle = path(0.5)[-3:]
+    pose = po.transform((middle[0], middle[1] + 0.0165, middle[2] + 0.1))
+    scene = po.Scene(raf_robot(), [po.Cylinder(name="needle", radius=1e-4, length=0.1, pose=pose)])
+    s = np.linspace(0.0, 1.0, 20)
+    X = path.solve(s)
+    assert scene.clearances(X)[0].min() > clearance
+    problem = raf_problem(scene=scene, margins=po.Margins(clearance))
+    distance, pair = look_for_closest(problem, path, s, X)
+    assert distance.min() < clearance
+    assert scene.pairs[pair[distance.argmin()]].name == "tool / needle"
+    assert len(distance) < 100  # only around the dip
+    # nothing is doubtful where the dip is allowed
+    assert len(look_for_closest(raf_problem(scene=scene, margins=po.Margins(0.001)), path, s, X)[0]) == 20
 
 
 # --- Restarts

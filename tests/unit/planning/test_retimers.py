@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline
 import paraopt as po
 from motions import ACCELERATION, JERK, TASKS, VELOCITY, plan_of, problem_of, raf_problem, turning_problem
 from paraopt.planning import Retimer, State
+from paraopt.planning.retime_base import choose_times
 
 RETIMERS: tuple[Retimer, ...] = (po.TimeOptimal(), po.JerkLimited())
 JACKS = ("q1", "q2", "q3")
@@ -153,6 +154,19 @@ def test_a_path_of_no_length_is_refused(retimer: Retimer) -> None:
     with pytest.raises(po.RetimeError, match="path of zero length cannot be timed") as caught:
         retimer.retime(problem, path)
     assert caught.value.evidence["path"] is path
+
+
+@each_retimer
+@pytest.mark.parametrize("name", ["cylinder", "box"])
+def test_limits_hold_at_the_knots_of_the_path(retimer: Retimer, name: str) -> None:
+    """There the second derivative of the path has its corners, and an acceleration may have its peak."""
+    trajectory, problem = _timed(retimer, name), _problem(name)
+    knots = np.unique(trajectory.path.spline.t)
+    times = choose_times(trajectory.path, trajectory.law, 50)
+    assert np.max(np.min(np.abs(trajectory.law(times)[:, None] - knots), axis=0)) < 1e-12
+    assert set(trajectory.law.breaks) <= set(times)
+    acceleration = np.abs(trajectory(trajectory.law.time_at(knots), 2)[:, :3])
+    assert np.max(acceleration / problem.bounds.of("acceleration", JACKS)) <= 1.0
 
 
 @each_retimer
