@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import paraopt as po
 from paraopt.closure import ClosureGraph, build_closure
 from paraopt.mechanism import Closure
-from paraopt.mechanism.closures import perpendicular
+from paraopt.mechanism.closing_joints import perpendicular
 from support import Array, assert_derivative
 
 # Two bodies: the base carries side A, a free link side B. What is built on B in its own frame is carried to A by the

@@ -1,19 +1,21 @@
 """What a machine is: links, joints, closures and roles, as frozen data without mathematics."""
 
-from paraopt.mechanism.closures import (
+from paraopt.mechanism.closing_joints import (
     ClosingCylindrical,
     ClosingJoint,
     ClosingPrismatic,
     ClosingRevolute,
     ClosingSpherical,
     ClosingUniversal,
+    LineContact,
+    PlanarContact,
+)
+from paraopt.mechanism.closures import (
     Closure,
     Coincidence,
-    LineContact,
     ParallelAxes,
     ParallelPlanes,
     PerpendicularAxes,
-    PlanarContact,
     PointOnLine,
     PointOnPlane,
     Weld,
