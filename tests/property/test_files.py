@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 import paraopt as po
 from paraopt import mechanism as parts
 from paraopt.io.schema import CLOSURES, JOINTS, LINKS, SHAPES
-from paraopt.mechanism.closures import as_direction, perpendicular
+from paraopt.mechanism.closing_joints import perpendicular
+from paraopt.mechanism.closures import as_direction
 from support import five_bar_robot, raf_robot
 
 # one example takes a millisecond or a few, and there are many ways to be wrong
