@@ -111,8 +111,8 @@ def telescope(
 ) -> Parts:
     """Give the solids and masses of a jack: `leg <key>` holds the body, `rod <key>` what slides in it.
 
-    The jack runs along z from its joint; the origin of the rod is its tip. The body is 0.85 of the shortest length, and
-    the rod is as long as it must be to stay in the body at the longest, so that nothing sticks out behind the joint.
+    The jack runs along z from its joint; the origin of the rod is its tip. The body is 0.9 of the shortest length, and
+    the rod as long as it must be to stay in the body at the longest: at the shortest its end keeps off the joint.
 
     Args:
         key: What follows "leg" and "rod" in the names.
@@ -125,8 +125,8 @@ def telescope(
         DefinitionError: The lengths do not fit into one another.
     """
     shortest, longest = lengths
-    body = 0.85 * shortest
-    reach = longest - 0.8 * body
+    body = 0.9 * shortest
+    reach = longest - 0.9 * body
     if not 0 < shortest < longest <= 1.7 * shortest:
         raise DefinitionError(
             f"lengths of leg {key!r} are {lengths} m; the longest must lie between 1 and 1.7 times the shortest"
