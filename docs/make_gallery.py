@@ -24,7 +24,7 @@ HERE = Path(__file__).resolve().parent
 PAGE = HERE / "gallery.md"
 IMAGES = HERE / "images" / "gallery"
 RESOLUTION = 140.0  # pixels per inch
-COLORS = {"robot": 255, "graph": 64}  # of the palettes, by kind of picture: enough to look smooth, small on disk
+COLORS = {"robot": 255, "graph": 128}  # of the palettes, by kind of picture: enough to look smooth, small on disk
 EXAMPLES: dict[str, tuple[object, ...]] = {"planar_platform": ("_R_RR", "RR_P_", "R_P_R")}
 """Arguments of robots that cannot be built without any, by name of the function."""
 
