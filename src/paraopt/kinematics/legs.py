@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +37,7 @@ class Leg:
         return self.active + self.passive
 
 
-def find_legs(graph: ClosureGraph) -> tuple[Leg, ...]:
+def find_legs(graph: ClosureGraph, held: Collection[str] = ()) -> tuple[Leg, ...]:
     """Decompose `[M N]` by its sparsity: the legs are found, not declared.
 
     Two equations belong to one leg when they share a joint variable, directly or through others. Passive coordinates of
@@ -44,6 +45,7 @@ def find_legs(graph: ClosureGraph) -> tuple[Leg, ...]:
 
     Args:
         graph: The closure equations.
+        held: Joint variables that are imposed as well, such as passive coordinates of the platform.
 
     Returns:
         The legs in the order of their first variable; variables that enter no equation belong to none.
@@ -51,7 +53,7 @@ def find_legs(graph: ClosureGraph) -> tuple[Leg, ...]:
     mechanism = graph.mechanism
     n_joints = len(mechanism.active) + len(mechanism.passive)
     rows, columns = (np.asarray(k, dtype=int) for k in graph.E.sparsity().get_triplet())
-    chosen = columns < n_joints
+    chosen = (columns < n_joints) & ~np.isin(columns, mechanism.indices(held))
     rows, columns = rows[chosen], columns[chosen]
     n_rows = graph.F.numel()
     size = n_rows + n_joints

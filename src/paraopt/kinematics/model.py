@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,9 @@ from paraopt.kinematics.solution import Solution
 from paraopt.kinematics.solve import ClosureSolution, SolveOptions, solve_closure
 from paraopt.kinematics.xfkm import Question
 from paraopt.mechanism import Mechanism
+
+if TYPE_CHECKING:  # built on this module
+    from paraopt.kinematics.working_modes import Mode, WorkingModeOptions, WorkingModes
 
 Array = NDArray[np.float64]
 _DAMPING = np.array([1e-12])
@@ -215,10 +218,30 @@ class Kinematics:
         """
         return self._ask(impose, weights or {}, options, within_ranges=True).answer(self._starts(start))
 
-    def inverse(self, x: Mapping[str, float], start: Start | None = None) -> Solution:
-        """Solve for the joints at an operational pose: `solve` with the operational variables imposed."""
+    def inverse(self, x: Mapping[str, float], start: Start | None = None, mode: Mode | None = None) -> Solution:
+        """Solve for the joints at an operational pose: `solve` with the operational variables imposed.
+
+        Args:
+            x: Operational variables by name [m or rad].
+            start: Where to start; see `solve`.
+            mode: The working mode wanted, such as "+-" or (1, -1), one sign for each of `legs`; the mode of the start
+                when None.
+
+        Raises:
+            DefinitionError: The pose is incomplete, or the mode does not name one posture of each leg.
+            SolveError: A leg has no such posture at this pose; the modes that exist travel as evidence.
+        """
         self._check_complete(x, self.mechanism.operational, "operational")
-        return self.solve(x, start)
+        return self.solve(x, start if mode is None else self.working_modes(x, start)[mode])
+
+    def working_modes(
+        self, x: Mapping[str, float], start: Start | None = None, options: WorkingModeOptions | None = None
+    ) -> WorkingModes:
+        """Find all inverse solutions at a pose; see `find_working_modes`."""
+        from paraopt.kinematics.working_modes import find_working_modes
+
+        self._check_complete(x, self.mechanism.operational, "operational")
+        return find_working_modes(self, {n: self._read_value(n, v) for n, v in x.items()}, start, options)
 
     def forward(self, q: Mapping[str, float], start: Start | None = None) -> Solution:
         """Solve for the pose at given actuators (XFKM): `solve` with the active variables imposed."""
