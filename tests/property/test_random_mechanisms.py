@@ -138,7 +138,7 @@ def euler_xyz(R: Array) -> tuple[float, float, float]:
     """Give angles of `Rx Ry Rz`, also where the middle one is a right angle."""
     beta = float(np.arcsin(np.clip(R[0, 2], -1, 1)))
     if abs(R[0, 2]) > 1 - 1e-12:
-        return float(np.arctan2(R[1, 0], R[1, 1])), beta, 0.0
+        return float(np.arctan2(R[2, 1], R[1, 1])), beta, 0.0
     return float(np.arctan2(-R[1, 2], R[2, 2])), beta, float(np.arctan2(-R[0, 1], R[0, 0]))
 
 
