@@ -1,6 +1,6 @@
 """paraopt: certified trajectories for robots whose links form closed loops."""
 
-from paraopt import robots
+from paraopt import robots, view
 from paraopt.closure import Gauge
 from paraopt.errors import (
     BackendError,
@@ -193,4 +193,5 @@ __all__ = [
     "sweep",
     "transform",
     "verify",
+    "view",
 ]
