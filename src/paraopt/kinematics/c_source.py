@@ -7,11 +7,16 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from paraopt.errors import BackendError
+
 _STACK = 20000  # work vectors up to this many numbers live on the stack
 # what CasADi's generator writes: the head of a function, and each read of an input and write of an output
 _HEAD = re.compile(r"^static int casadi_f\d+\(const casadi_real\*\* arg, casadi_real\*\* res,[^)]*\) \{", re.MULTILINE)
 _INPUT = re.compile(r"\barg\[(\d+)\] ?\? arg\[\1\]\[(\d+)\] : 0(?![.\w])")
 _OUTPUT = re.compile(r"\bif \(res\[(\d+)\]!=0\) res\[\1\]\[(\d+)\](?==)")
+_CALL = re.compile(r"\b([A-Za-z_]\w*)\(")
+_COMPARISON = re.compile(r"[<>?!&|]|==")
+_CONSTANT = re.compile(r"\b((?:[aw]\d+|w\[\d+\]|res\d+_\[\d+\]))=(-?[0-9.]+(?:e[-+]?\d+)?);")
 _HEADER = r"""
 #include <stdlib.h>
 #ifdef _WIN32
@@ -50,6 +55,128 @@ PARAOPT_EXPORT int %(name)s_point(void** buffers) {
   return %(name)s_batch(1, (const double**) buffers[0], 0, (double**) buffers[1], 0);
 }
 """
+# Damped Newton for one sample after the other, several at a time: each lane of a vector holds one. Its course is that
+# of `solve_closure`; what opens the loops at a point (sines and cosines) is called lane by lane, and the linear solve,
+# which costs several times more, once for all lanes. Only the four operations act on vectors: lanes do not see each
+# other, and a result does not depend on who sits beside.
+_NEWTON_HEAD = r"""
+#include <math.h>
+#include <string.h>
+#if defined(__AVX2__)
+#define LANES 4
+#elif defined(__GNUC__) || defined(__clang__)
+#define LANES 2
+#endif
+typedef double lanes __attribute__((vector_size(8*LANES)));
+#define ALL_LANES(value) ((lanes) {0} + (value))
+static inline lanes lanes_sq(lanes x) { return x*x; }
+"""
+_NEWTON = r"""
+#define N %(n)d
+#define N_ROWS %(n_rows)d
+#define N_ENTRIES %(n_entries)d
+typedef struct {
+  lanes entries[N_ENTRIES + 1], f[N_ROWS + 1], free[N + 1], damping[1], y[N + 1], w[%(lanes_w)d + 1];
+  double opened[N_ROWS + 1], E[N_ENTRIES + 1], w_open[%(sz_w)d + 1], trial[N + 1], step[LANES][N + 1];
+  double residual[LANES], damp[LANES];
+  long long sample[LANES], count[LANES];
+  int waits[LANES];
+  casadi_int iw[%(sz_iw)d + 1];
+} Work;
+
+/* the largest absolute value; NaN when there is one */
+static double largest(const double* v, int n) {
+  double most = 0; int k;
+  for (k = 0; k < n; ++k) {
+    double size = fabs(v[k]);
+    if (size != size) return size;
+    if (size > most) most = size;
+  }
+  return most;
+}
+
+static int run(Work* s, long long n, const double* X, const double* free_, const double* options, double* best,
+               double* residual, double* count) {
+  const double tolerance = options[0], iterations = options[1], damping = options[2], limit = options[3];
+  const lanes* arg[5] = {s->entries, s->f, s->free, s->damping, 0};
+  lanes* res[2] = {s->y, 0};
+  long long next = 0;
+  int lane, k, waiting;
+  memset(s, 0, sizeof(*s));
+  for (k = 0; k < N; ++k) s->free[k] = ALL_LANES(free_[k]);
+  s->damping[0] = ALL_LANES(1.0);
+  for (lane = 0; lane < LANES; ++lane) s->sample[lane] = -1;
+  do {
+    waiting = 0;
+    for (lane = 0; lane < LANES; ++lane) {
+      double* step = s->step[lane];
+      s->waits[lane] = 0;
+      while (!s->waits[lane]) {
+        double now, *x;
+        const double* arg_open[2]; double* res_open[3];
+        if (s->sample[lane] < 0) { /* take the next sample */
+          if (next == n) break;
+          x = best + next*N;
+          memcpy(x, X + next*N, N*sizeof(double));
+          residual[next] = INFINITY; count[next] = 0;
+          for (k = 0; k < N && isfinite(x[k]); ++k) step[k] = 0;
+          if (k == N) {
+            s->sample[lane] = next; s->count[lane] = 0; s->damp[lane] = damping; s->residual[lane] = INFINITY;
+          }
+          ++next;
+          continue;
+        }
+        if (s->count[lane] >= iterations) { s->sample[lane] = -1; continue; }
+        x = best + s->sample[lane]*N;
+        for (k = 0; k < N; ++k) s->trial[k] = x[k] + step[k];
+        arg_open[0] = s->trial; res_open[0] = s->opened; res_open[1] = s->E;
+        if (%(open)s(arg_open, res_open, s->iw, s->w_open, 0)) return 1;
+        count[s->sample[lane]] = (double) ++s->count[lane];
+        now = largest(s->opened, N_ROWS);
+        if (now < s->residual[lane]) {
+          memcpy(x, s->trial, N*sizeof(double));
+          s->residual[lane] = residual[s->sample[lane]] = now;
+          if (now <= tolerance) { s->sample[lane] = -1; continue; }
+          for (k = 0; k < N_ROWS; ++k) s->f[k][lane] = s->opened[k];
+          for (k = 0; k < N_ENTRIES; ++k) s->entries[k][lane] = s->E[k];
+          s->damping[0][lane] = s->damp[lane];
+          s->damp[lane] = fmax(0.1*s->damp[lane], 1e-14);
+          s->waits[lane] = 1;
+          ++waiting;
+        } else { /* the step was too bold, or round-off is reached */
+          s->damp[lane] = fmax(30.0*s->damp[lane], 1e-8);
+          for (k = 0; k < N; ++k) { step[k] *= 0.25; s->trial[k] = step[k] / scale_[k]; }
+          if (largest(s->trial, N) < 1e-15) s->sample[lane] = -1;
+        }
+      }
+    }
+    if (waiting) {
+      if (lanes_correct(arg, res, s->iw, s->w, 0)) return 1;
+      for (lane = 0; lane < LANES; ++lane) if (s->waits[lane]) {
+        double size, factor, *step = s->step[lane];
+        for (k = 0; k < N; ++k) step[k] = s->y[k][lane];
+        size = largest(step, N);
+        factor = limit / fmax(size, 1e-300);
+        if (size != size || factor > 1.0) factor = 1.0;
+        for (k = 0; k < N; ++k) step[k] *= factor * scale_[k];
+        if (size * factor < 1e-15) s->sample[lane] = -1;
+      }
+    }
+  } while (waiting);
+  return 0;
+}
+
+PARAOPT_EXPORT int %(name)s_batch(long long n, const double* X, const double* free_, const double* options,
+                                  double* best, double* residual, double* count) {
+  /* vectors want to lie at multiples of their size */
+  char* room = (char*) malloc(sizeof(Work) + sizeof(lanes));
+  int flag = -1;
+  if (room) flag = run((Work*) (room + sizeof(lanes) - (size_t) room %% sizeof(lanes)), n, X, free_, options, best,
+                       residual, count);
+  free(room);
+  return flag;
+}
+"""
 
 
 def generate_source(functions: Sequence[ca.Function]) -> str:
@@ -70,6 +197,51 @@ def generate_source(functions: Sequence[ca.Function]) -> str:
         on_stack = int(sizes["sz_w"] + sizes["sz_iw"] <= _STACK)
         drivers.append(_DRIVER % {"name": function.name(), "on_stack": on_stack, **sizes})
     return _straighten(generator.dump()) + _HEADER + "".join(drivers)
+
+
+def generate_newton(opening: ca.Function, correcting: ca.Function, scale: Sequence[float], name: str) -> str:
+    """Write C code that exports `<name>_batch`, the damped Newton iteration on a batch.
+
+    Args:
+        opening: X to the scaled residual and the entries of its Jacobian.
+        correcting: (entries, residual, free, damping) to a scaled step, by the four operations alone.
+        scale: Scale of each variable [m or rad].
+        name: Name of the loop.
+
+    Returns:
+        The text of one file, to be compiled into a shared library.
+
+    Raises:
+        BackendError: The correcting function needs more than the four operations.
+    """
+    generator = ca.CodeGenerator("functions.c")
+    generator.add(opening)
+    sizes = {
+        "name": name, "open": opening.name(), "n": opening.numel_in(0), "n_rows": opening.numel_out(0),
+        "n_entries": opening.numel_out(1), "lanes_w": correcting.sz_w(), "sz_w": opening.sz_w(),
+        "sz_iw": max(opening.sz_iw(), correcting.sz_iw()),
+    }  # fmt: skip
+    scales = f"static const double scale_[] = {{{', '.join(f'{s!r}' for s in map(float, scale))}}};\n"
+    return "".join(
+        [_straighten(generator.dump()), _HEADER, _NEWTON_HEAD, _spread(correcting, "lanes_correct"), scales,
+         _NEWTON % sizes]
+    )  # fmt: skip
+
+
+def _spread(function: ca.Function, name: str) -> str:
+    """Write a function of the four operations for vectors in place of numbers."""
+    generator = ca.CodeGenerator("functions.c")
+    generator.add(function)
+    code = _straighten(generator.dump())
+    begin = next(_HEAD.finditer(code)).start()
+    body = code[begin : code.index("\n}\n", begin) + 3]
+    body = re.sub(r"^static int casadi_f\d+", f"static int {name}", body).replace("casadi_sq(", "lanes_sq(")
+    body = _CONSTANT.sub(r"\1=ALL_LANES(\2);", body.replace("casadi_real", "lanes"))
+    work = "\n".join(line for line in body.splitlines() if "zeros_" not in line and "unread_" not in line)
+    strange = (set(_CALL.findall(work)) | set(_COMPARISON.findall(work))) - {name, "lanes_sq", "ALL_LANES"}
+    if strange:
+        raise BackendError(f"{function.name()} uses {sorted(strange)}; vectors know the four operations only")
+    return body
 
 
 def _straighten(code: str) -> str:

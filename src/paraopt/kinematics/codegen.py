@@ -90,7 +90,7 @@ class CompiledFunction:
     """
 
     def __init__(self, function: ca.Function, backend: Backend = "auto") -> None:
-        self._start(function, _load_all([function], backend))
+        self._start(function, load_library([function], backend))
 
     @classmethod
     def together(cls, functions: Sequence[ca.Function], backend: Backend = "auto") -> list[CompiledFunction]:
@@ -103,7 +103,7 @@ class CompiledFunction:
         Returns:
             The compiled functions in the same order.
         """
-        library = _load_all(functions, backend)
+        library = load_library(functions, backend)
         made = []
         for function in functions:
             compiled = cls.__new__(cls)
@@ -285,8 +285,28 @@ def _row_major(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), inputs, [ca.densify(o.T) for o in outputs])
 
 
-def _load_all(functions: Sequence[ca.Function], backend: Backend) -> ctypes.CDLL | None:
-    """Compile functions or take them from the cache; None where the virtual machine is to be used."""
+def load_library(
+    functions: Sequence[ca.Function],
+    backend: Backend,
+    name: str | None = None,
+    generate: Callable[[Sequence[ca.Function]], str] = generate_source,
+    wide: bool = False,
+) -> ctypes.CDLL | None:
+    """Compile functions or take them from the cache; None where the virtual machine is to be used.
+
+    Args:
+        functions: Functions of different names.
+        backend: See `CompiledFunction`.
+        name: Name of the library; that of the first function when None.
+        generate: What writes the C code of the functions; one of `c_source`.
+        wide: Whether the code is written for the wide vectors that some processors have.
+
+    Returns:
+        The library.
+
+    Raises:
+        BackendError: `backend` is "compiled" and there is no compiler, or the compilation failed.
+    """
     if backend not in ("auto", "compiled", "virtual machine"):
         raise DefinitionError(f"backend is {backend!r}; it must be 'auto', 'compiled' or 'virtual machine'")
     if backend == "virtual machine":
@@ -298,7 +318,9 @@ def _load_all(functions: Sequence[ca.Function], backend: Backend) -> ctypes.CDLL
             raise BackendError(f"no C compiler was found for {names}; install one or use backend='auto'")
         return None
     try:
-        return _load([_row_major(f) for f in functions], compiler)
+        command = [compiler, *(_wide_flags(compiler) if wide else _optimisation(functions)), *_FLAGS]
+        rows_first = [_row_major(f) for f in functions]
+        return _load(rows_first, command, name or functions[0].name(), generate)
     except (BackendError, OSError) as error:
         if backend == "compiled":
             if isinstance(error, BackendError):
@@ -308,19 +330,25 @@ def _load_all(functions: Sequence[ca.Function], backend: Backend) -> ctypes.CDLL
         return None
 
 
-def _load(functions: Sequence[ca.Function], compiler: str) -> ctypes.CDLL:
+def _load(
+    functions: Sequence[ca.Function],
+    command: Sequence[str],
+    name: str,
+    generate: Callable[[Sequence[ca.Function]], str],
+) -> ctypes.CDLL:
     """Compile functions into one library, or take it from the cache."""
-    flags = _flags(functions)
+    compiler, *flags = command
     graphs = [f.serialize() for f in functions]
     recipe = "|".join([ca.__version__, _compiler_identity(compiler), *flags, _generator_text(), *graphs])
+    recipe += repr(getattr(generate, "keywords", ""))  # what a partial function was given beside the graphs
     key = hashlib.sha256(recipe.encode()).hexdigest()[:32]
-    folder, name = cache_folder(), f"{functions[0].name()}-{key}"
-    for made in sorted(folder.glob(f"{name}-*.so")):
+    folder, stem = cache_folder(), f"{name}-{key}"
+    for made in sorted(folder.glob(f"{stem}-*.so")):
         if _is_whole(made):
             return ctypes.CDLL(str(made))
         logger.warning("%s is damaged and made again", made)
         made.unlink(missing_ok=True)
-    return ctypes.CDLL(str(_compile(functions, [compiler, *flags], folder, name)))
+    return ctypes.CDLL(str(_compile(generate(functions), [f.name() for f in functions], command, folder, stem)))
 
 
 def _is_whole(library: Path) -> bool:
@@ -338,25 +366,35 @@ def _generator_text() -> str:
     return Path(c_source.__file__).read_text(encoding="utf-8")
 
 
-def _flags(functions: Sequence[ca.Function]) -> tuple[str, ...]:
+@functools.cache
+def _wide_flags(compiler: str) -> tuple[str, ...]:
+    """Let a compiler use the vectors of this processor, as far as that does not change results.
+
+    The flags are part of the name of what is compiled: another processor on the same cache makes its own.
+    """
+    ask = [compiler, "-march=native", "-dM", "-E", "-x", "c", os.devnull]
+    done = subprocess.run(ask, capture_output=True, text=True, check=False)
+    # at -O1 compilers leave the upper halves of registers dirty, which slows what runs afterwards
+    return ("-O2", "-mavx2") if done.returncode == 0 and "__AVX2__" in done.stdout else ("-O2",)
+
+
+def _optimisation(functions: Sequence[ca.Function]) -> tuple[str, ...]:
     """Optimise plain expressions fully; long chains of calls (the factorisations) gain nothing and compile slowly."""
-    return ("-O3" if all(f.is_a("SXFunction") for f in functions) else "-O1", *_FLAGS)
+    return ("-O3" if all(f.is_a("SXFunction") for f in functions) else "-O1",)
 
 
-def _compile(functions: Sequence[ca.Function], command: Sequence[str], folder: Path, name: str) -> Path:
+def _compile(code: str, names: Sequence[str], command: Sequence[str], folder: Path, stem: str) -> Path:
     """Compile functions into a library whose name tells what it was made from and what it holds."""
     with tempfile.TemporaryDirectory(dir=folder, prefix=".build-") as build:
         source = Path(build) / "functions.c"
-        source.write_text(generate_source(functions))
+        source.write_text(code)
         product = source.with_suffix(".so")
         full = [*command, str(source), "-o", str(product), "-lm"]
         done = subprocess.run(full, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            names = ", ".join(f.name() for f in functions)
-            raise BackendError(f"{command[0]} failed on {names}: {done.stderr.strip()[:500]}", command=full)
+            raise BackendError(f"{command[0]} failed on {', '.join(names)}: {done.stderr.strip()[:500]}", command=full)
         if not product.exists():
-            names = ", ".join(f.name() for f in functions)
-            raise BackendError(f"{command[0]} reported success on {names} but made no library", command=full)
-        target = folder / f"{name}-{_digest(product)}.so"
+            raise BackendError(f"{command[0]} reported success on {', '.join(names)} but made no library", command=full)
+        target = folder / f"{stem}-{_digest(product)}.so"
         os.replace(product, target)
         return target

@@ -17,6 +17,7 @@ import casadi as ca
 
 from paraopt.closure import ClosureGraph
 from paraopt.kinematics.codegen import Backend, CompiledFunction
+from paraopt.kinematics.newton import NewtonLoop
 
 _REFINEMENTS = 2
 _CSE = {"cse": True}
@@ -41,9 +42,10 @@ class FunctionSet:
         Args:
             width: Number of independent coordinates.
         """
-        _ = self._stacked_poses, self._scaled_jacobian, self._scaled_residual  # shared: built before the threads
+        _ = self._stacked_poses, self._scaled_residual, self._factor_forms  # shared: built before the threads
         wanted: list[Callable[[], object]] = [
-            lambda: (self.step, self.tangent(width), self.curvature(1), self.curvature(width * (width + 1) // 2)),
+            lambda: (self.tangent(width), self.curvature(1), self.curvature(width * (width + 1) // 2)),
+            lambda: self.newton.is_compiled or self.step,
             lambda: self.pose_velocity(width),
             lambda: self.scaled_jacobian,
             lambda: self.jacobians,
@@ -97,6 +99,18 @@ class FunctionSet:
         """
         return self._solver("curvature", width)
 
+    @cached_property
+    def newton(self) -> NewtonLoop:
+        """Close the loops from many starts in one compiled call; see `solve_closure`."""
+        X, E, f = self.graph.X, self._scaled_jacobian, self._scaled_residual
+        opening = ca.Function("paraopt_open", [X], [f, ca.vertcat(*E.nonzeros())], _CSE)
+        entries, b = ca.SX.sym("entries", E.nnz()), ca.SX.sym("f", f.numel())
+        free, damping = ca.SX.sym("free", X.numel()), ca.SX.sym("damping")
+        factor, once, _ = self._factor_forms
+        y = once(*factor(ca.SX(E.sparsity(), entries), free, damping), -b)
+        correcting = ca.Function("paraopt_correct", [entries, b, free, damping], [free * y], _CSE)
+        return NewtonLoop(opening, correcting, self.graph.variable_scale, self.backend)
+
     # -- graphs of the solvers -------------------------------------------------------------------------------------
 
     def _build_step(self, width: int) -> ca.Function:
@@ -125,7 +139,7 @@ class FunctionSet:
         """Give a solver; those of the motion space of the operational variables are compiled together."""
         if (kind, width) not in self._by_width:
             m = len(self.graph.mechanism.operational)
-            usual = [("step", 0), ("tangent", m), ("curvature", 1), ("curvature", m * (m + 1) // 2)]
+            usual = [("tangent", m), ("curvature", 1), ("curvature", m * (m + 1) // 2)]
             keys = list(dict.fromkeys(usual)) if (kind, width) in usual else [(kind, width)]
             builders = {"step": self._build_step, "tangent": self._build_tangent, "curvature": self._build_curvature}
             made = CompiledFunction.together([builders[k](w) for k, w in keys], self.backend)

@@ -93,6 +93,11 @@ def solve_closure(
     options = options or SolveOptions()
     X = np.array(X, dtype=float, ndmin=2)
     n = len(X)
+    if functions.newton.is_compiled:  # the same iteration
+        best, best_residual, counts = functions.newton(
+            X, free, options.tolerance, options.iterations, options.damping, options.step_limit
+        )
+        return ClosureSolution(best, best_residual, best_residual <= options.tolerance, int(np.max(counts, initial=0)))
     scale = functions.graph.variable_scale
     best = X.copy()
     best_residual = np.full(n, np.inf)
