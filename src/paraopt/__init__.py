@@ -18,6 +18,8 @@ from paraopt.errors import (
 )
 from paraopt.io import load_mechanism, load_obstacles, load_robot, save_mechanism, save_robot
 from paraopt.kinematics import (
+    AssemblyModes,
+    AssemblyOptions,
     BranchSingularity,
     Configuration,
     Followed,
@@ -97,6 +99,8 @@ from paraopt.workspace import ConditioningMap, map_conditioning
 __version__ = "0.1.0"
 
 __all__ = [
+    "AssemblyModes",
+    "AssemblyOptions",
     "BackendError",
     "Base",
     "Box",

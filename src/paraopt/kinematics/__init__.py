@@ -1,5 +1,6 @@
 """Numbers: compiled functions of the closure graph, solves, and the state of the mechanism."""
 
+from paraopt.kinematics.assembly_modes import AssemblyMode, AssemblyModes, AssemblyOptions
 from paraopt.kinematics.codegen import CompiledFunction, find_compiler
 from paraopt.kinematics.conditioning import Isotropy, IsotropyOptions, condition_numbers, find_isotropic
 from paraopt.kinematics.configuration import Configuration
@@ -19,6 +20,9 @@ from paraopt.kinematics.state import Condition, StateReport, report_state
 from paraopt.kinematics.working_modes import LegPostures, WorkingModeOptions, WorkingModes
 
 __all__ = [
+    "AssemblyMode",
+    "AssemblyModes",
+    "AssemblyOptions",
     "BranchSingularity",
     "ClosureSolution",
     "CompiledFunction",

@@ -22,6 +22,7 @@ from paraopt.kinematics.xfkm import Question
 from paraopt.mechanism import Mechanism
 
 if TYPE_CHECKING:  # built on this module
+    from paraopt.kinematics.assembly_modes import AssemblyModes, AssemblyOptions
     from paraopt.kinematics.working_modes import Mode, WorkingModeOptions, WorkingModes
 
 Array = NDArray[np.float64]
@@ -247,6 +248,15 @@ class Kinematics:
         """Solve for the pose at given actuators (XFKM): `solve` with the active variables imposed."""
         self._check_complete(q, self.mechanism.active, "active")
         return self.solve(q, start)
+
+    def assembly_modes(
+        self, q: Mapping[str, float], options: AssemblyOptions | None = None, start: Start | None = None
+    ) -> AssemblyModes:
+        """Find all forward solutions for given drives; see `find_assembly_modes`."""
+        from paraopt.kinematics.assembly_modes import find_assembly_modes
+
+        self._check_complete(q, self.mechanism.active, "active")
+        return find_assembly_modes(self, {n: self._read_value(n, v) for n, v in q.items()}, start, options)
 
     def solve_batch(
         self, names: Sequence[str], values: ArrayLike, starts: ArrayLike, options: SolveOptions | None = None

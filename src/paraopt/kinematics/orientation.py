@@ -1,4 +1,4 @@
-"""Signs of leg blocks that can be compared between poses, also where a block has more rows than columns."""
+"""Signs of determinants that can be compared between poses, whatever angles and equations describe the machine."""
 
 from __future__ import annotations
 
@@ -7,15 +7,168 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from paraopt.kinematics.legs import Leg
+from paraopt.kinematics.legs import Leg, find_legs
 from paraopt.kinematics.model import Kinematics
 from paraopt.kinematics.platform import passive_coordinates
 from paraopt.kinematics.ranks import compute_rank, independent_rows
+from paraopt.mechanism import Base, Mobile
 
 Array = NDArray[np.float64]
+
+
+def chart_signs(kinematics: Kinematics, X: Array) -> Array:
+    """Tell which set of angles of universal and spherical joints and of free links describes each configuration.
+
+    `Rx(a) Ry(b)` and `Rx(a + pi) Ry(pi - b)` give the same direction, and determinants of opposite signs. The sign is
+    that of the product of the cosines of all second angles; a determinant times this sign belongs to the posture.
+
+    Args:
+        kinematics: The mechanism's functions.
+        X: Values of all variables [m or rad], shape (n, n_variables).
+
+    Returns:
+        1 or -1, shape (n,).
+    """
+    signs = np.ones(len(X))
+    for link in kinematics.mechanism.links:
+        angles = [m for m in link.motions if m.kind == "angle"]
+        if not isinstance(link, Base) and len(angles) > 1 and angles[0].axis != angles[1].axis:
+            signs *= np.where(np.cos(X[:, kinematics.mechanism.index(angles[1].name)]) < 0, -1.0, 1.0)
+    return signs
+
+
+def twist_columns(kinematics: Kinematics, E: Array, X: Array) -> Array:
+    """Give the columns of the twists of free links, in their own frames, that E has for their coordinates.
+
+    Which of these columns depend on each other in the rows of a tie is the same at every pose.
+
+    Args:
+        kinematics: The mechanism's functions.
+        E: Scaled Jacobians [1], shape (n, n_equations, n_variables).
+        X: Values of all variables [m or rad], shape (n, n_variables).
+
+    Returns:
+        The columns [1], shape (n, n_equations, n_coordinates).
+    """
+    mechanism = kinematics.mechanism
+    poses = kinematics.poses(X)
+    parts = []
+    for number, link in enumerate(mechanism.links):
+        if not isinstance(link, Mobile):
+            continue
+        R = poses[:, number, :3, :3]
+        shifts = [m for m in link.motions if m.kind == "length"]
+        angles = [m for m in link.motions if m.kind == "angle"]
+        moved = E[:, :, mechanism.indices(m.name for m in shifts)]
+        axes = ["xyz".index(m.axis) for m in shifts]
+        if len(shifts) == 3 or (len(shifts) == 2 and mechanism.planar):
+            moved = moved @ R[:, axes][:, :, axes]
+        turned = E[:, :, mechanism.indices(m.name for m in angles)]
+        if len(angles) == 3:
+            # columns of the rates: each axis, carried by the turns after it
+            rates = np.zeros((len(X), 3, 3))
+            after = np.tile(np.eye(3), (len(X), 1, 1))
+            for k in (2, 1, 0):
+                axis = "xyz".index(angles[k].axis)
+                rates[:, :, k] = after[:, axis]
+                after = _turns(axis, X[:, mechanism.index(angles[k].name)]) @ after
+            turned = turned @ np.linalg.pinv(rates)
+        parts += [moved, turned]
+    return np.concatenate(parts, axis=2) if parts else np.zeros((*E.shape[:2], 0))
+
+
+def _turns(axis: int, angle: Array) -> Array:
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.zeros((len(angle), 3, 3))
+    R[:, axis, axis] = 1.0
+    R[:, i, i] = R[:, j, j] = np.cos(angle)
+    R[:, j, i] = np.sin(angle)
+    R[:, i, j] = -np.sin(angle)
+    return R
+
+
+@dataclass(frozen=True, eq=False)
+class ParallelOrientation:
+    """Evaluate the determinant of [N K], divided by the volume of the equations: it lies in [-1, 1].
+
+    Where equations repeat others, those of a leg are replaced by their products with as many columns of the platform's
+    twist as are independent (`twist_columns`, chosen once), or, where these do not span them, by some of them.
+
+    Attributes:
+        kinematics: The mechanism's functions.
+        parts: Rows of each leg, and the chosen twists, or None for the rows themselves.
+        columns: Columns that are not idle.
+        is_certain: Whether signs can be compared between all configurations; where some of several dependent rows had
+            to be chosen, they can only be where these stay independent.
+    """
+
+    kinematics: Kinematics
+    parts: tuple[tuple[NDArray[np.intp], NDArray[np.intp] | None], ...]
+    columns: NDArray[np.intp]
+    is_certain: bool
+
+    @classmethod
+    def at(cls, kinematics: Kinematics, X: Array) -> ParallelOrientation:
+        """Choose equations at a regular configuration, shape (n_variables,)."""
+        known = _PARALLEL.get(kinematics)
+        if known is not None:
+            return known
+        mechanism = kinematics.mechanism
+        (E,) = kinematics.functions.scaled_jacobian.batch(X[None])
+        columns = np.array([k for k, name in enumerate(mechanism.names) if name not in kinematics.idle], dtype=int)
+        everything = np.arange(E.shape[1])
+        parts: list[tuple[NDArray[np.intp], NDArray[np.intp] | None]] = []
+        certain = True
+        if len(independent_rows(E[0])) == len(everything):
+            parts = [(everything, None)]
+        else:
+            twists = twist_columns(kinematics, E, X[None])[0]
+            legs = find_legs(kinematics.graph, passive_coordinates(kinematics))
+            loose = np.setdiff1d(everything, [k for leg in legs for k in leg.rows])
+            for rows in [*(np.array(leg.rows, dtype=int) for leg in legs), loose]:
+                rank = compute_rank(E[0, rows]).value
+                if rank == len(rows):
+                    parts.append((rows, None))
+                    continue
+                chosen = independent_rows(twists[rows].T)[:rank]
+                if compute_rank(twists[rows][:, chosen]).value == rank:
+                    parts.append((rows, chosen))
+                else:
+                    parts.append((rows[independent_rows(E[0, rows])], None))
+                    certain = False
+            count = sum(len(rows) if chosen is None else len(chosen) for rows, chosen in parts)
+            if count > compute_rank(E[0]).value:  # legs repeat each other
+                parts, certain = [(independent_rows(E[0]), None)], False
+        made = cls(kinematics, tuple(parts), columns, certain)
+        _PARALLEL[kinematics] = made
+        return made
+
+    def __call__(self, X: Array) -> Array:
+        """Evaluate at n configurations.
+
+        Args:
+            X: Values, shape (n, n_variables).
+
+        Returns:
+            Normalised determinants [1], shape (n,); nan where [N K] is not square.
+        """
+        (E,) = self.kinematics.functions.scaled_jacobian.batch(X)
+        twists = twist_columns(self.kinematics, E, X) if any(c is not None for _, c in self.parts) else None
+        rows = []
+        for part, chosen in self.parts:
+            block = E[:, part]
+            if chosen is not None and twists is not None:
+                block = twists[:, part][:, :, chosen].transpose(0, 2, 1) @ block
+            rows.append(block)
+        whole = np.concatenate(rows, axis=1)[:, :, self.columns]
+        square = whole[:, :, self.columns >= len(self.kinematics.mechanism.active)]
+        if square.shape[1] != square.shape[2]:
+            return np.full(len(X), np.nan)
+        volume = 0.5 * np.linalg.slogdet(whole @ whole.transpose(0, 2, 1))[1]
+        sign, logarithm = np.linalg.slogdet(square)
+        return np.asarray(chart_signs(self.kinematics, X) * sign * np.exp(logarithm - volume), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,25 +177,26 @@ class LegOrientation:
 
     * Square: the sign of det J.
     * The platform moves the rows as J does: the sign of `det(C^T J)`, where C are n columns of the platform's
-      coordinates in the same rows. Both span the motions that the tied points can make, so the sign does not depend on
-      which rows repeat others.
+      twist in the same rows (`twist_columns`). Both span the motions that the tied points can make, so the sign does
+      not depend on which rows repeat others.
     * The joints follow the pose by `T = -J^+ K` while other coordinates are held, as in the parallelograms of a Delta:
       the sign of the determinant of as many rows of T as there are operational coordinates, those of the first joints
       that are independent, drives before others.
     * Rows repeat others in another way: the sign of the determinant of as many rows as are independent.
 
     Rows and columns are chosen once for each mechanism, at the first pose that is asked for. Signs are comparable
-    between poses as long as what was chosen stays independent; in the third case, as long as the chosen coordinates
-    move the leg's end in n independent ways: always in the plane, and where the platform does not turn.
+    between poses as long as what was chosen stays independent, which the twists do at all poses.
 
     Attributes:
+        kinematics: The mechanism's functions.
         rows: Rows of the leg.
         columns: Columns of its variables.
-        platform: Columns C, empty where they are not used.
+        platform: Chosen twists C, empty where they are not used.
         pose: Columns K of the operational coordinates, empty where T is not used.
         joints: Chosen rows of T.
     """
 
+    kinematics: Kinematics
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
     platform: NDArray[np.intp]
@@ -50,35 +204,35 @@ class LegOrientation:
     joints: NDArray[np.intp]
 
     @classmethod
-    def of(cls, kinematics: Kinematics, leg: Leg, held: Sequence[str], E: Array) -> LegOrientation:
+    def of(cls, kinematics: Kinematics, leg: Leg, held: Sequence[str], X: Array) -> LegOrientation:
         """Choose rows and columns for one leg, or find the choice that was made before.
 
         Args:
             kinematics: The mechanism's functions.
             leg: The leg.
             held: Names of the coordinates that are held.
-            E: Scaled Jacobian at one of its postures [1], shape (n_equations, n_variables).
+            X: One of its postures, shape (n_variables,).
         """
         known = _CHOICES.setdefault(kinematics, {})
         key = (leg.rows, leg.variables, tuple(held))
         if key not in known:
-            known[key] = cls._choose(kinematics, leg, held, E)
+            known[key] = cls._choose(kinematics, leg, X)
         return known[key]
 
     @classmethod
-    def _choose(cls, kinematics: Kinematics, leg: Leg, held: Sequence[str], E: Array) -> LegOrientation:
+    def _choose(cls, kinematics: Kinematics, leg: Leg, X: Array) -> LegOrientation:
         mechanism = kinematics.mechanism
+        (E,) = kinematics.functions.scaled_jacobian(X)
         rows, columns = np.array(leg.rows, dtype=int), np.array(mechanism.indices(leg.variables), dtype=int)
         block, none, n = E[rows], np.arange(0), len(columns)
         J = block[:, columns]
         if len(rows) <= n or compute_rank(J).value < n:
-            return cls(rows, columns, none, none, none)
-        coordinates = np.array(mechanism.indices([*mechanism.operational, *passive_coordinates(kinematics)]), dtype=int)
-        coordinates = coordinates[~np.isin(coordinates, columns)]
-        _, _, order = scipy.linalg.qr(block[:, coordinates], mode="economic", pivoting=True)
-        chosen = np.sort(coordinates[order[:n]])
-        if compute_rank(block[:, chosen]).value == n == compute_rank(np.hstack([J, block[:, chosen]])).value:
-            return cls(rows, columns, chosen, none, none)
+            return cls(kinematics, rows, columns, none, none, none)
+        twists = twist_columns(kinematics, E[None], X[None])[0][rows]
+        chosen = independent_rows(twists.T)[:n] if twists.shape[1] else none
+        C = twists[:, chosen]
+        if compute_rank(C).value == n == compute_rank(np.hstack([J, C])).value:
+            return cls(kinematics, rows, columns, chosen, none, none)
         pose = np.array(mechanism.indices(mechanism.operational), dtype=int)
         T = -np.linalg.pinv(J) @ block[:, pose]
         if float(np.max(np.abs(J @ T + block[:, pose]))) < 1e-6 and compute_rank(T).value == len(pose):
@@ -86,27 +240,29 @@ class LegOrientation:
             for k in range(n):
                 if len(joints) < len(pose) and compute_rank(T[[*joints, k]], 1e-6).value == len(joints) + 1:
                     joints.append(k)
-            return cls(rows, columns, none, pose, np.array(joints, dtype=int))
-        return cls(rows[independent_rows(J)], columns, none, none, none)
+            return cls(kinematics, rows, columns, none, pose, np.array(joints, dtype=int))
+        return cls(kinematics, rows[independent_rows(J)], columns, none, none, none)
 
-    def __call__(self, E: Array) -> Array:
+    def __call__(self, X: Array) -> Array:
         """Give the signs at n points.
 
         Args:
-            E: Scaled Jacobians [1], shape (n, n_equations, n_variables).
+            X: Values of all variables [m or rad], shape (n, n_variables).
 
         Returns:
-            Signs, shape (n,); 0 where the block has no determinant.
+            Signs, shape (n,), those of the posture (`chart_signs`); 0 where the block has no determinant.
         """
+        (E,) = self.kinematics.functions.scaled_jacobian.batch(X)
         J = E[:, self.rows][:, :, self.columns]
         if self.pose.size:
             T = -np.linalg.pinv(J) @ E[:, self.rows][:, :, self.pose]
-            return np.asarray(np.linalg.slogdet(T[:, self.joints])[0], dtype=float)
-        if self.platform.size:
-            J = E[:, self.rows][:, :, self.platform].transpose(0, 2, 1) @ J
+            J = T[:, self.joints]
+        elif self.platform.size:
+            J = twist_columns(self.kinematics, E, X)[:, self.rows][:, :, self.platform].transpose(0, 2, 1) @ J
         if J.shape[1] != J.shape[2]:
-            return np.zeros(len(E))
-        return np.asarray(np.linalg.slogdet(J)[0], dtype=float)
+            return np.zeros(len(X))
+        return np.asarray(chart_signs(self.kinematics, X) * np.linalg.slogdet(J)[0], dtype=float)
 
 
+_PARALLEL: WeakKeyDictionary[Kinematics, ParallelOrientation] = WeakKeyDictionary()
 _CHOICES: WeakKeyDictionary[Kinematics, dict[object, LegOrientation]] = WeakKeyDictionary()

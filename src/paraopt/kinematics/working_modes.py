@@ -295,8 +295,8 @@ def _find_postures(
     if len(postures):
         (E,) = kinematics.functions.scaled_jacobian.batch(postures)
         margins = _margins(E[:, leg.rows][:, :, columns])
-        regular = E[int(np.argmax(margins))]  # rows and columns are best chosen far from singularities
-        signs = LegOrientation.of(kinematics, leg, held, regular)(E)
+        regular = postures[int(np.argmax(margins))]  # rows and columns are best chosen far from singularities
+        signs = LegOrientation.of(kinematics, leg, held, regular)(postures)
     else:
         margins = signs = np.zeros(0)
     whole = np.where(margins < options.singular, 0, signs).astype(np.intp)
