@@ -95,8 +95,10 @@ static double largest(const double* v, int n) {
   return most;
 }
 
-static int run(Work* s, long long n, const double* X, const double* free_, const double* options, double* best,
-               double* residual, double* count) {
+/* room: free, options, the starts, which become the best points, and their residuals and numbers of iterations */
+static int run(Work* s, long long n, double* room) {
+  const double *free_ = room, *options = room + N;
+  double *best = room + N + 4, *residual = best + n*N, *count = residual + n;
   const double tolerance = options[0], iterations = options[1], damping = options[2], limit = options[3];
   const lanes* arg[5] = {s->entries, s->f, s->free, s->damping, 0};
   lanes* res[2] = {s->y, 0};
@@ -117,7 +119,6 @@ static int run(Work* s, long long n, const double* X, const double* free_, const
         if (s->sample[lane] < 0) { /* take the next sample */
           if (next == n) break;
           x = best + next*N;
-          memcpy(x, X + next*N, N*sizeof(double));
           residual[next] = INFINITY; count[next] = 0;
           for (k = 0; k < N && isfinite(x[k]); ++k) step[k] = 0;
           if (k == N) {
@@ -166,13 +167,11 @@ static int run(Work* s, long long n, const double* X, const double* free_, const
   return 0;
 }
 
-PARAOPT_EXPORT int %(name)s_batch(long long n, const double* X, const double* free_, const double* options,
-                                  double* best, double* residual, double* count) {
+PARAOPT_EXPORT int %(name)s_batch(long long n, double* data) {
   /* vectors want to lie at multiples of their size */
   char* room = (char*) malloc(sizeof(Work) + sizeof(lanes));
   int flag = -1;
-  if (room) flag = run((Work*) (room + sizeof(lanes) - (size_t) room %% sizeof(lanes)), n, X, free_, options, best,
-                       residual, count);
+  if (room) flag = run((Work*) (room + sizeof(lanes) - (size_t) room %% sizeof(lanes)), n, data);
   free(room);
   return flag;
 }

@@ -14,6 +14,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from paraopt.closure import ClosureGraph
 from paraopt.kinematics.codegen import Backend, CompiledFunction
@@ -110,6 +112,12 @@ class FunctionSet:
         y = once(*factor(ca.SX(E.sparsity(), entries), free, damping), -b)
         correcting = ca.Function("paraopt_correct", [entries, b, free, damping], [free * y], _CSE)
         return NewtonLoop(opening, correcting, self.graph.variable_scale, self.backend)
+
+    @cached_property
+    def ranges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Give the lowest and the highest values of the variables [m or rad], possibly infinite."""
+        low, high = zip(*[v.range for v in self.graph.mechanism.variables], strict=True)
+        return np.array(low), np.array(high)
 
     # -- graphs of the solvers -------------------------------------------------------------------------------------
 

@@ -37,7 +37,7 @@ class NewtonLoop:
         library = load_library([opening, correcting], backend, self.name, generate, wide=True)
         if library is not None:
             self._entry = getattr(library, f"{self.name}_batch")
-            self._entry.argtypes = [ctypes.c_longlong, *[ctypes.c_void_p] * 6]
+            self._entry.argtypes = [ctypes.c_longlong, ctypes.c_void_p]
 
     @property
     def is_compiled(self) -> bool:
@@ -66,13 +66,16 @@ class NewtonLoop:
         """
         if self._entry is None:
             raise BackendError(f"{self.name} is not compiled here; solve_closure runs without it")
-        X, free = np.ascontiguousarray(X, dtype=float), np.ascontiguousarray(free, dtype=float)
-        options = np.array([tolerance, iterations, damping, step_limit], dtype=float)
-        best, residual, count = np.empty_like(X), np.empty(len(X)), np.empty(len(X))
-        arrays = X, free, options, best, residual, count
-        flag = self._entry(len(X), *[array.ctypes.data for array in arrays])
+        n, width = X.shape
+        # one room for everything, since asking an array for its place costs as much as a small solve
+        room = np.empty(width + 4 + n * (width + 2))
+        room[:width], room[width : width + 4] = free, (tolerance, iterations, damping, step_limit)
+        best = room[width + 4 : -2 * n or None].reshape(n, width)
+        best[...] = X
+        flag = self._entry(n, room.ctypes.data)
         if flag != 0:
             raise BackendError(f"compiled {self.name} returned {flag}")
+        residual, count = room[width + 4 + n * width :].reshape(2, n)
         return best, residual, count
 
 

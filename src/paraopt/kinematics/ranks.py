@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +53,12 @@ def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE, whole: Array 
     if matrix.size == 0:
         return Rank(0, 0.0, 0.0)
     values = np.linalg.svd(matrix, compute_uv=False)
-    largest = values[0] if whole is None else np.linalg.norm(whole, 2)
+    if whole is None:
+        largest = values[0]
+    elif values[-1] > tolerance * math.sqrt(np.vdot(whole, whole)):
+        largest = values[0]  # all values count: what sums up all of the whole one's is no smaller than its largest
+    else:
+        largest = np.linalg.norm(whole, 2)
     count = int(np.count_nonzero(values > tolerance * max(largest, 1e-300)))
     return Rank(count, float(values[count - 1]) if count else 0.0, float(values[count]) if count < len(values) else 0.0)
 

@@ -56,10 +56,9 @@ class Question:
         starts = origins.copy()
         starts[:, self._index] = self._values
         exact = solve_closure(self.functions, starts, self._free, self.options)
-        good = exact.converged & np.array([self._is_allowed(X) for X in exact.X])
         spent = exact.iterations
-        if np.any(good):
-            best = int(np.argmax(good))
+        best = next((k for k in exact.converged.nonzero()[0].tolist() if self._is_allowed(exact.X[k])), None)
+        if best is not None:
             return self._conclude(exact.X[best], exact.residual[best], spent, Status.CONVERGED, "newton")
         closed = solve_closure(self.functions, origins[0], np.ones(len(self._free)), self.options)
         X, iterations, settled = self._program(closed.X[0])
@@ -115,11 +114,12 @@ class Question:
         (E,) = self.functions.scaled_jacobian(X)
         # a column that is empty at this place only is a motion that nothing holds
         solved = self.used & (self._free > 0)
-        rank, rank_all = compute_rank(E[:, solved], whole=E), compute_rank(E)
+        rank = compute_rank(E[:, solved], whole=E)
         undetermined = int(np.count_nonzero(solved)) - rank.value
-        mobility = int(np.count_nonzero(self.used)) - rank_all.value
-        if status is Status.CONVERGED and undetermined > max(mobility - len(self.impose), 0):
-            status = Status.SINGULAR
+        if status is Status.CONVERGED and undetermined > 0:
+            mobility = int(np.count_nonzero(self.used)) - compute_rank(E).value
+            if undetermined > max(mobility - len(self.impose), 0):
+                status = Status.SINGULAR
         obtained = X[self._index] - self._values
         return Solution(
             mechanism=self._mechanism,
@@ -141,8 +141,10 @@ class Question:
     def _outside(self, X: Array, tolerance: float = 1e-9) -> tuple[str, ...]:
         """Name the variables outside their ranges, up to a tolerance [m or rad]."""
         lower, upper = self._ranges
-        beyond = (lower - tolerance > X) | (upper + tolerance < X) | np.isnan(X)
-        return tuple(n for n, b in zip(self._mechanism.names, beyond, strict=True) if b)
+        within = (lower - tolerance <= X) & (upper + tolerance >= X)  # no number is not
+        if within.all():
+            return ()
+        return tuple(n for n, w in zip(self._mechanism.names, within, strict=True) if not w)
 
     def _miss(self, X: Array) -> Array:
         """Give the scaled difference between obtained and imposed values, shape (n_imposed,)."""
@@ -176,7 +178,6 @@ class Question:
         free[self._index] = 0.0
         return free
 
-    @cached_property
+    @property
     def _ranges(self) -> tuple[Array, Array]:
-        low, high = zip(*[v.range for v in self._mechanism.variables], strict=True)
-        return np.array(low), np.array(high)
+        return self.functions.ranges
