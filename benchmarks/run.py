@@ -1,7 +1,7 @@
 """Measure speed, side by side in one run, on one core: `make bench`.
 
 python benchmarks/run.py                       # everything, a few minutes
-python benchmarks/run.py --only evaluations    # or stages, clearance, stacked
+python benchmarks/run.py --only evaluations    # or peers, forward, stages, clearance, stacked
 python benchmarks/run.py --cold                # also the first compilation, into an empty cache
 python benchmarks/run.py --json bench.json
 """
@@ -15,11 +15,11 @@ import json
 import os
 import platform
 import sys
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-SECTIONS = ("evaluations", "stages", "clearance", "stacked")
+SECTIONS = ("evaluations", "peers", "forward", "stages", "clearance", "stacked")
 
 
 def hold_to_one_core() -> str:
@@ -40,7 +40,12 @@ def describe_machine() -> dict[str, str]:
         model = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         pass
-    packages = {name: version(name) for name in ("casadi", "numpy", "coal", "toppra")}
+    packages = {}
+    for name in ("casadi", "numpy", "scipy", "coal", "toppra", "drake", "pin", "mujoco"):
+        try:
+            packages[name] = version(name)
+        except PackageNotFoundError:  # a peer that is not there
+            packages[name] = "absent"
     return {"processor": model, "system": platform.system(), "python": platform.python_version(), **packages}
 
 

@@ -69,14 +69,9 @@ def refresh(text: str) -> str:
 
 def measure(text: str) -> str:
     """Run the benchmarks and put their tables between the marks."""
-    command = [
-        sys.executable,
-        str(README.parent / "benchmarks" / "run.py"),
-        "--only",
-        "evaluations",
-        "--only",
-        "stages",
-    ]
+    sections = ("evaluations", "peers", "forward", "stages")
+    command = [sys.executable, str(README.parent / "benchmarks" / "run.py")]
+    command += [word for name in sections for word in ("--only", name)]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.rstrip()
     return re.sub(r"(<!-- bench -->\n).*?(<!-- /bench -->)", rf"\1\n```text\n{printed}\n```\n\n\2", text, flags=re.S)
 
