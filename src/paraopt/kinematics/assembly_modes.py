@@ -361,7 +361,8 @@ def _say_why(
         parts.append("the platform can move with its drives held: the solutions are examples of a continuum")
     if found.lost:
         parts.append(
-            f"{found.lost} of 40 paths did not end at a regular solution; the search from many starts was added"
+            f"{found.lost} of 40 complex solutions are multiple, at infinity or were not reached; the search from many "
+            "starts was added"
         )
     if found.search is not None and not found.search.complete and len(found.X) and not found.is_continuous:
         parts.append(f"the search ended after {found.search.starts} starts, before its bound on what may be missing")

@@ -210,10 +210,12 @@ def search_solutions(
 
 
 class _Found:
-    """Gather solutions by posture; of each keep the angles nearest to the start."""
+    """Gather solutions by posture; of each keep the values inside the ranges that are nearest to the start."""
 
     def __init__(self, kinematics: Kinematics, start: Array, reader: PostureReader, options: SearchOptions) -> None:
         self.kinematics, self.start, self.reader, self.options = kinematics, start, reader, options
+        ranges = np.array([v.range for v in kinematics.mechanism.variables])
+        self.low, self.high = ranges[:, 0] - 1e-9, ranges[:, 1] + 1e-9
         self.X: list[Array] = []
         self.marks: list[Array] = []
         self.hits: list[int] = []
@@ -223,7 +225,7 @@ class _Found:
             return
         X = turn_towards(self.kinematics, X, self.start)
         marks = self.reader(X)
-        distance = np.max(np.abs(X - self.start) / self.kinematics.graph.variable_scale, axis=1, initial=0.0)
+        distance = self._cost(X)
         left = np.arange(len(X))
         k = 0
         while left.size:
@@ -236,11 +238,16 @@ class _Found:
                 members = left[same]
                 self.hits[k] += members.size
                 nearest = members[np.argmin(distance[members])]
-                known = np.max(np.abs(self.X[k] - self.start) / self.kinematics.graph.variable_scale, initial=0.0)
-                if distance[nearest] < known - 1e-9:
+                if distance[nearest] < self._cost(self.X[k][None])[0] - 1e-9:
                     self.X[k] = X[nearest]
                 left = left[~same]
             k += 1
+
+    def _cost(self, X: Array) -> Array:
+        """Prefer what is inside the ranges, then what is near to the start."""
+        outside = np.sum((self.low > X) | (self.high < X), axis=1)
+        away = np.max(np.abs(X - self.start) / self.kinematics.graph.variable_scale, axis=1, initial=0.0)
+        return np.asarray(away + 1e6 * outside, dtype=float)
 
     def is_continuous(self, free: Array, rows: Sequence[int] | NDArray[np.intp]) -> bool:
         """Tell whether most solutions are different, singular ones: the hits fall on a continuum."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -13,12 +13,12 @@ from paraopt.kinematics.legs import Leg, find_legs
 from paraopt.kinematics.model import Kinematics
 from paraopt.kinematics.platform import passive_coordinates
 from paraopt.kinematics.ranks import compute_rank, independent_rows
-from paraopt.mechanism import Base, Mobile
+from paraopt.mechanism import Mobile
 
 Array = NDArray[np.float64]
 
 
-def chart_signs(kinematics: Kinematics, X: Array) -> Array:
+def chart_signs(kinematics: Kinematics, X: Array, names: Collection[str]) -> Array:
     """Tell which set of angles of universal and spherical joints and of free links describes each configuration.
 
     `Rx(a) Ry(b)` and `Rx(a + pi) Ry(pi - b)` give the same direction, and determinants of opposite signs. The sign is
@@ -27,6 +27,7 @@ def chart_signs(kinematics: Kinematics, X: Array) -> Array:
     Args:
         kinematics: The mechanism's functions.
         X: Values of all variables [m or rad], shape (n, n_variables).
+        names: Variables that the determinant is about; joints of which not both angles are among them are left out.
 
     Returns:
         1 or -1, shape (n,).
@@ -34,7 +35,7 @@ def chart_signs(kinematics: Kinematics, X: Array) -> Array:
     signs = np.ones(len(X))
     for link in kinematics.mechanism.links:
         angles = [m for m in link.motions if m.kind == "angle"]
-        if not isinstance(link, Base) and len(angles) > 1 and angles[0].axis != angles[1].axis:
+        if len(angles) > 1 and {m.name for m in angles[:2]} <= set(names):
             signs *= np.where(np.cos(X[:, kinematics.mechanism.index(angles[1].name)]) < 0, -1.0, 1.0)
     return signs
 
@@ -168,7 +169,8 @@ class ParallelOrientation:
             return np.full(len(X), np.nan)
         volume = 0.5 * np.linalg.slogdet(whole @ whole.transpose(0, 2, 1))[1]
         sign, logarithm = np.linalg.slogdet(square)
-        return np.asarray(chart_signs(self.kinematics, X) * sign * np.exp(logarithm - volume), dtype=float)
+        names = self.kinematics.mechanism.names[len(self.kinematics.mechanism.active) :]
+        return np.asarray(chart_signs(self.kinematics, X, names) * sign * np.exp(logarithm - volume), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,14 +256,17 @@ class LegOrientation:
         """
         (E,) = self.kinematics.functions.scaled_jacobian.batch(X)
         J = E[:, self.rows][:, :, self.columns]
+        used = self.columns
         if self.pose.size:
+            used = np.concatenate([self.columns[self.joints], self.pose])
             T = -np.linalg.pinv(J) @ E[:, self.rows][:, :, self.pose]
             J = T[:, self.joints]
         elif self.platform.size:
             J = twist_columns(self.kinematics, E, X)[:, self.rows][:, :, self.platform].transpose(0, 2, 1) @ J
         if J.shape[1] != J.shape[2]:
             return np.zeros(len(X))
-        return np.asarray(chart_signs(self.kinematics, X) * np.linalg.slogdet(J)[0], dtype=float)
+        names = [self.kinematics.mechanism.names[k] for k in used]
+        return np.asarray(chart_signs(self.kinematics, X, names) * np.linalg.slogdet(J)[0], dtype=float)
 
 
 _PARALLEL: WeakKeyDictionary[Kinematics, ParallelOrientation] = WeakKeyDictionary()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ class SixDistancePoses:
         R: Rotations of the real solutions, shape (n, 3, 3).
         p: Origins of the platform [m], shape (n, 3).
         finite: Number of different finite complex solutions.
-        lost: Number of paths, of 40, that did not end at a regular solution: some may hide multiple ones.
+        lost: Number of solutions, of 40, that are multiple, at infinity or were not reached.
     """
 
     R: Array
@@ -72,11 +73,20 @@ def solve_six_distances(problem: SixDistances, imaginary: float = 1e-5) -> SixDi
         [(problem.platform - middle) / unit, (problem.base - origin) / unit, (problem.lengths[:, None] / unit) ** 2]
     ).astype(complex)
     start, solutions = _general_platform()
-    ends, arrived = _track(start, target, solutions)
-    e, g = ends[:, :4], ends[:, 4:]
-    # the rotation of a solution at infinity has no length
-    finite = arrived & (np.abs(np.sum(e * e, axis=1)) > 1e-8)
-    distinct = _distinct(ends[finite])
+    random = np.random.default_rng(0)
+    distinct = np.zeros((0, 8), dtype=complex)
+    # a path that was lost on the straight line, or jumped to another, is found on a way round
+    for detour in (None, random, random):
+        way = [start] if detour is None else [start, _draw(detour, 6, 7)]
+        ends, arrived = solutions, np.ones(len(solutions), dtype=bool)
+        for here, there in pairwise([*way, target]):
+            ends, ok = _track(here, there, ends)
+            arrived &= ok
+        # the rotation of a solution at infinity has no length
+        finite = arrived & (np.abs(np.sum(ends[:, :4] ** 2, axis=1)) > 1e-8)
+        distinct = _distinct(np.concatenate([distinct, ends[finite]]))
+        if len(distinct) >= GENERAL_COUNT:
+            break
     e, g = distinct[:, :4], distinct[:, 4:]
     largest = np.take_along_axis(e, np.argmax(np.abs(e), axis=1)[:, None], axis=1)
     e, g = e / largest, g / largest
@@ -84,7 +94,7 @@ def solve_six_distances(problem: SixDistances, imaginary: float = 1e-5) -> SixDi
     e_r, g_r = e[real].real, g[real].real
     R = np.array([_rotation(k) for k in e_r]).reshape(-1, 3, 3)
     p = np.array([_translation(k, h) for k, h in zip(e_r, g_r, strict=True)]).reshape(-1, 3)
-    return SixDistancePoses(R, origin + unit * p - R @ middle, len(distinct), int(len(ends) - len(distinct)))
+    return SixDistancePoses(R, origin + unit * p - R @ middle, len(distinct), max(GENERAL_COUNT - len(distinct), 0))
 
 
 # --- Equations. Quaternions are (scalar, vector); `a e` and `e a` are L(a) e and R(a) e for a vector a.
@@ -226,30 +236,28 @@ def _general_platform() -> tuple[Complex, Complex]:
     """
     random = np.random.default_rng(1996)
 
-    def draw(*shape: int) -> Complex:
-        return (random.normal(size=shape) + 1j * random.normal(size=shape)) / np.sqrt(2.0)
-
-    e, g = draw(4), draw(4)
+    e, g = _draw(random, 4), _draw(random, 4)
     g -= e * (e @ g) / (e @ e)
     q = np.concatenate([e, g])[None]
-    home = 0.6 * draw(6, 7)
+    home = _draw(random, 6, 7)
     home[:, 6] = 0.0
     Q, _ = _forms(home[None], np.zeros((1, 6, 7), dtype=complex))
     home[:, 6] = np.einsum("i,kij,j->k", q[0], Q[0], q[0]) / (e @ e)
     known = _distinct(q)
     for _ in range(60):
-        corners = [home]
-        for _ in range(2):
-            corner = 0.6 * draw(6, 7)
-            corners.append(corner)
         moved = known
-        for a, b in ((0, 1), (1, 2), (2, 0)):
-            moved, arrived = _track(corners[a], corners[b], moved)
+        for here, there in pairwise([home, _draw(random, 6, 7), _draw(random, 6, 7), home]):
+            moved, arrived = _track(here, there, moved)
             moved = moved[arrived]
         known = _distinct(np.concatenate([known, moved]))
         if len(known) >= GENERAL_COUNT:
             return home, known
     raise SolveError(f"loops of a general six-legged platform joined {len(known)} solutions; there are {GENERAL_COUNT}")
+
+
+def _draw(random: np.random.Generator, *shape: int) -> Complex:
+    """Draw complex parameters of the size of a machine scaled to one."""
+    return 0.6 * (random.normal(size=shape) + 1j * random.normal(size=shape)) / np.sqrt(2.0)
 
 
 def _rotation(e: Array) -> Array:
