@@ -24,7 +24,7 @@ class Mesh(Shape):
     Attributes:
         vertices: Corners in the solid's own frame [m], shape (k, 3).
         triangles: Corners of each triangle, counter-clockwise from outside, shape (m, 3).
-        parts: Corners of each convex part [m], shape (k_i, 3) each. None are needed where the mesh is closed and convex.
+        parts: Corners of each convex part [m], shape (k_i, 3) each; none where the mesh is closed and convex.
 
     Raises:
         DefinitionError: The mesh is not convex and has no parts, or its parts leave out some of it (more than a
@@ -109,7 +109,7 @@ def as_triangles(values: Any, n_vertices: int, what: str) -> NDArray[np.intp]:
     if not np.all(fits):
         row = int(np.argmin(fits))
         raise DefinitionError(
-            f"triangle {row} of {what} is {numbers[row].tolist()}; it must hold whole numbers from 0 to {n_vertices - 1}"
+            f"triangle {row} of {what} is {numbers[row].tolist()}; it must hold numbers from 0 to {n_vertices - 1}"
         )
     doubled = np.any(indices == np.roll(indices, 1, axis=1), axis=1)
     if np.any(doubled):

@@ -142,6 +142,11 @@ class HalfSpace(Shape):
     """Describe all that lies behind a plane, such as the ground or a wall: `z <= 0` in the solid's own frame."""
 
     @property
+    def label(self) -> str:
+        """Name the solid in messages."""
+        return f"half-space {self.name!r}" if self.name else "half-space"
+
+    @property
     def bounding_radius(self) -> float:
         return float("inf")
 
