@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
 RANK_TOLERANCE = 1e-8
@@ -52,7 +53,7 @@ def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE, whole: Array 
     """
     if matrix.size == 0:
         return Rank(0, 0.0, 0.0)
-    values = np.linalg.svd(matrix, compute_uv=False)
+    values = _singular_values(matrix)
     if whole is None:
         largest = values[0]
     elif values[-1] > tolerance * math.sqrt(np.vdot(whole, whole)):
@@ -61,6 +62,12 @@ def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE, whole: Array 
         largest = np.linalg.norm(whole, 2)
     count = int(np.count_nonzero(values > tolerance * max(largest, 1e-300)))
     return Rank(count, float(values[count - 1]) if count else 0.0, float(values[count]) if count < len(values) else 0.0)
+
+
+def _singular_values(matrix: Array) -> Array:
+    """Give the singular values, largest first: NumPy's, without what NumPy spends around small matrices."""
+    _, values, _, failed = lapack.dgesdd(matrix, compute_uv=0)
+    return np.linalg.svd(matrix, compute_uv=False) if failed else values
 
 
 def independent_rows(matrix: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:

@@ -97,7 +97,7 @@ def solve_closure(
         best, best_residual, counts = functions.newton(
             X, free, options.tolerance, options.iterations, options.damping, options.step_limit
         )
-        return ClosureSolution(best, best_residual, best_residual <= options.tolerance, int(np.max(counts, initial=0)))
+        return ClosureSolution(best, best_residual, best_residual <= options.tolerance, int(counts.max()) if n else 0)
     scale = functions.graph.variable_scale
     best = X.copy()
     best_residual = np.full(n, np.inf)
