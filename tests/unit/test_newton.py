@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import paraopt as po
-from paraopt.kinematics import find_compiler
+from paraopt.kinematics import c_source, find_compiler
+from paraopt.kinematics import newton as newton_module
 from paraopt.kinematics.c_source import generate_newton
 from paraopt.kinematics.newton import NewtonLoop
 from paraopt.kinematics.solve import solve_closure
@@ -137,6 +139,25 @@ def test_constants_fill_all_lanes() -> None:
     assert_allclose(X, [[0.25, 0.25]] * 5, atol=1e-15)
     assert_allclose(residual, 0.0, atol=1e-12)
     assert_array_equal(count, 2)
+
+
+def test_long_functions_are_cut_without_a_trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, _, home = loops(po.robots.stewart)
+    free = np.ones(len(home))
+    free[:6] = 0.0
+    starts = spread(whole, home, 9, 0.1)
+    expected = whole.functions.newton(starts, free, 1e-12, 60, 1e-8, 0.5)
+    codes = []
+    for part in (10**9, 300):
+        monkeypatch.setattr(c_source, "_PART", part)
+        monkeypatch.setenv("PARAOPT_CACHE", str(tmp_path / str(part)))
+        monkeypatch.setattr(newton_module, "generate_newton", lambda *a: codes.append(generate_newton(*a)) or codes[-1])
+        cut = po.Kinematics(whole.mechanism, "compiled").functions.newton
+        for ours, theirs in zip(cut(starts, free, 1e-12, 60, 1e-8, 0.5), expected, strict=True):
+            assert_array_equal(ours, theirs)
+    counts = [code.count("static void lanes_correct_") for code in codes]
+    assert counts[0] == 0
+    assert counts[1] > 5
 
 
 def test_without_a_compiler_it_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:

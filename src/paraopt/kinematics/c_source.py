@@ -15,6 +15,10 @@ _HEAD = re.compile(r"^static int casadi_f\d+\(const casadi_real\*\* arg, casadi_
 _INPUT = re.compile(r"\barg\[(\d+)\] ?\? arg\[\1\]\[(\d+)\] : 0(?![.\w])")
 _OUTPUT = re.compile(r"\bif \(res\[(\d+)\]!=0\) res\[\1\]\[(\d+)\](?==)")
 _CALL = re.compile(r"\b([A-Za-z_]\w*)\(")
+_LOCAL = re.compile(r"\ba(\d+)\b")
+_LOCALS = re.compile(r"^  lanes a\d+[,;]")
+_DECLARATION = re.compile(r"^  (?:static )?(?:const )?lanes\*? ")
+_PART = 2000  # statements of one compiled piece
 _COMPARISON = re.compile(r"[<>?!&|]|==")
 _CONSTANT = re.compile(r"\b((?:[aw]\d+|w\[\d+\]|res\d+_\[\d+\]))=(-?[0-9.]+(?:e[-+]?\d+)?);")
 _HEADER = r"""
@@ -236,11 +240,27 @@ def _spread(function: ca.Function, name: str) -> str:
     body = code[begin : code.index("\n}\n", begin) + 3]
     body = re.sub(r"^static int casadi_f\d+", f"static int {name}", body).replace("casadi_sq(", "lanes_sq(")
     body = _CONSTANT.sub(r"\1=ALL_LANES(\2);", body.replace("casadi_real", "lanes"))
-    work = "\n".join(line for line in body.splitlines() if "zeros_" not in line and "unread_" not in line)
-    strange = (set(_CALL.findall(work)) | set(_COMPARISON.findall(work))) - {name, "lanes_sq", "ALL_LANES"}
-    if strange:
+    work = [line for line in body.splitlines()[1:] if not _DECLARATION.match(line)]
+    strange = {word for line in work for word in (*_CALL.findall(line), *_COMPARISON.findall(line))}
+    if strange - {"lanes_sq", "ALL_LANES"}:
         raise BackendError(f"{function.name()} uses {sorted(strange)}; vectors know the four operations only")
-    return body
+    return body if len(work) <= _PART else _cut(body, work, name)
+
+
+def _cut(body: str, work: Sequence[str], name: str) -> str:
+    """Cut a long function into parts that share an array: compilers take the square of its length."""
+    heads = [line for line in body.splitlines()[1:] if _DECLARATION.match(line) and not _LOCALS.match(line)]
+    statements = [line for line in work if "=" in line]
+    count = 1 + max(int(k) for line in statements for k in _LOCAL.findall(line))
+    given = sorted(set(re.findall(r"\barg\d+_|\bres\d+_", " ".join(statements))))
+    taken = ", ".join(["lanes* v", "lanes* w", *[f"{'const ' * (g < 'res')}lanes* {g}" for g in given]])
+    parts, calls = [], []
+    for k in range(0, len(statements), _PART):
+        lines = "\n".join(_LOCAL.sub(lambda m: f"v[{int(m[1])}]", line) for line in statements[k : k + _PART])
+        parts.append(f"static void {name}_{k}({taken}) {{\n{lines}\n}}\n")
+        calls.append(f"  {name}_{k}({', '.join(['v', 'w', *given])});")
+    head = body.splitlines()[0]
+    return "\n".join([*parts, head, *heads, f"  lanes v[{count}];", *calls, "  return 0;", "}", ""])
 
 
 def _straighten(code: str) -> str:
