@@ -47,9 +47,14 @@ class Problem:
         goal: Operational values by name, on the branch that the motion reaches; or a configuration.
         margins: Distances to keep.
         limits: Bounds of the drives; those of the robot when None.
+        allow_mode_change: Whether the motion may cross serial singularities, to end in another working mode. It is then
+            described by the actuators instead of the operational variables, and only parallel singularities count.
+        characteristic_length: What an angle of one radian counts in the metric [m]; that of the mechanism when None.
+        turns: Full turns by which an angle without bounds may pass beyond start and goal.
 
     Raises:
-        DefinitionError: A value is not finite, or a name is missing or unknown.
+        DefinitionError: A value is not finite, or a name is missing or unknown; mode changes are allowed, but there are
+            not as many actuators as operational variables.
     """
 
     scene: Scene
@@ -57,10 +62,25 @@ class Problem:
     goal: Pose
     margins: Margins = field(default_factory=Margins)
     limits: Limits | None = None
+    allow_mode_change: bool = False
+    characteristic_length: float | None = None
+    turns: int = 1
 
     def __post_init__(self) -> None:
+        mechanism = self.robot.mechanism
         if self.limits is not None:
-            self.limits.check_fit(self.robot.mechanism)
+            self.limits.check_fit(mechanism)
+        length = self.characteristic_length
+        if length is not None and not (np.isfinite(length) and length > 0):
+            raise DefinitionError(f"characteristic length of the metric is {length} m; it must be finite and above 0")
+        if self.turns < 0:
+            raise DefinitionError(f"number of full turns is {self.turns}; it must not be negative")
+        if self.allow_mode_change and len(mechanism.active) != len(mechanism.operational):
+            raise DefinitionError(
+                f"{mechanism.name!r} has {len(mechanism.active)} actuators and {len(mechanism.operational)} "
+                "operational variables; a motion that changes the working mode is described by the actuators, so these "
+                "must be as many"
+            )
         for label in ("start", "goal"):
             self._check_pose(label, getattr(self, label))
 
@@ -76,15 +96,25 @@ class Problem:
 
     @property
     def independent(self) -> tuple[str, ...]:
-        """Name the coordinates in which the path is described: the operational ones."""
-        return tuple(self.robot.mechanism.operational)
+        """Name the coordinates in which the path is described: the operational ones, or those of the actuators.
+
+        Away from parallel singularities the actuators determine the motion, at serial singularities too.
+        """
+        mechanism = self.robot.mechanism
+        return tuple(mechanism.active if self.allow_mode_change else mechanism.operational)
+
+    @cached_property
+    def index(self) -> NDArray[np.intp]:
+        """Give the places of the independent coordinates among the variables, shape (m,)."""
+        return np.asarray(self.robot.mechanism.indices(self.independent))
 
     @cached_property
     def metric(self) -> Array:
         """Give the weight of each independent coordinate: 1 for lengths, the characteristic length for angles."""
         mechanism = self.robot.mechanism
         kinds = {v.name: v.kind for v in mechanism.variables}
-        return np.array([1.0 if kinds[n] == "length" else mechanism.length for n in self.independent])
+        length = self.characteristic_length or mechanism.length
+        return np.array([1.0 if kinds[n] == "length" else length for n in self.independent])
 
     @cached_property
     def periodic(self) -> NDArray[np.bool_]:
@@ -120,12 +150,16 @@ class Problem:
     def goal_configuration(self) -> Configuration:
         """Solve the goal, on the branch of the start unless it is stated as a configuration.
 
+        Where the working mode may change, and the branch of the start has another assembly there, it is the nearest
+        solution that no parallel singularity parts from the start.
+
         Raises:
             InfeasibleError: The goal cannot be reached.
         """
         if isinstance(self.goal, Configuration):
             return self.goal
-        return self._solve("goal", self.goal, self.start_configuration)
+        same = self._solve("goal", self.goal, self.start_configuration)
+        return self._choose_mode(self.goal, same) if self.allow_mode_change else same
 
     @cached_property
     def determinants(self) -> Determinants:
@@ -134,10 +168,21 @@ class Problem:
 
     def goal_values(self) -> Array:
         """Give the goal in the independent coordinates, periodic angles brought within half a turn of the start."""
-        index = self.robot.mechanism.indices(self.independent)
-        start, goal = self.start_configuration.X[index], self.goal_configuration.X[index].copy()
-        turn = goal - start
-        return np.where(self.periodic, start + (turn + np.pi) % (2 * np.pi) - np.pi, goal)
+        start, goal = self.start_configuration.X[self.index], self.goal_configuration.X[self.index]
+        return np.where(self.periodic, start + self.turn(goal - start), goal)
+
+    def turn(self, difference: Array) -> Array:
+        """Take the periodic ones among differences of the independent coordinates the short way round."""
+        if not np.any(self.periodic):
+            return difference
+        return np.where(self.periodic, (difference + np.pi) % (2 * np.pi) - np.pi, difference)
+
+    @cached_property
+    def turn_bounds(self) -> tuple[Array, Array]:
+        """Give the least and largest values to look at: `turns` beyond start and goal for periodic ones, else none."""
+        start, goal = self.start_configuration.X[self.index], self.goal_values()
+        beyond = np.where(self.periodic, 2 * np.pi * self.turns + 1e-9, np.inf)
+        return np.minimum(start, goal) - beyond, np.maximum(start, goal) + beyond
 
     def _check_pose(self, label: str, pose: Pose) -> None:
         mechanism = self.robot.mechanism
@@ -180,3 +225,21 @@ class Problem:
         if np.all(solution.X[mechanism.indices(names)] == last) and solution.residual <= 1e-10:
             return solution.configuration
         raise InfeasibleError(f"{label} is out of reach: {solution.summary}", solution=solution, pose=dict(pose))
+
+    def _choose_mode(self, pose: Mapping[str, float], same: Configuration) -> Configuration:
+        """Choose the solution of a pose that can be reached without a parallel singularity, the nearest one first."""
+        (wanted,), _ = self.determinants.signs(self.start_configuration.X)
+        low, high = self.bounds.bounds(self.robot.mechanism)
+
+        def is_good(X: Array) -> bool:
+            return bool(self.determinants.signs(X)[0][0] == wanted and np.all((low <= X) & (high >= X)))
+
+        if np.isnan(wanted) or is_good(same.X):
+            return same
+        others = [c for c in self.robot.kinematics.working_modes(pose, same) if is_good(c.X)]
+        start = self.start_configuration.X[self.index]
+
+        def distance(other: Configuration) -> float:
+            return float(np.linalg.norm(self.turn(other.X[self.index] - start) * self.metric))
+
+        return min(others, key=distance, default=same)

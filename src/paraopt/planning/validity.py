@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError, InfeasibleError
 from paraopt.kinematics import Configuration, SolveOptions, report_state
+from paraopt.kinematics import Margins as SingularityMargins
 from paraopt.planning.problem import Problem
 
 Array = NDArray[np.float64]
@@ -43,23 +44,56 @@ class Validity:
         problem: The problem.
         reach: Largest departure of any variable from its linear prediction, in characteristic lengths or radians;
             beyond it the branch counts as lost.
+        collisions: Whether solids count.
     """
 
-    def __init__(self, problem: Problem, reach: float = 0.5) -> None:
+    def __init__(self, problem: Problem, reach: float = 0.5, collisions: bool = True) -> None:
         self.problem = problem
         self.reach = reach
+        self._near = bool(problem.scene.pairs) and collisions
         self.checks = 0
         self._low, self._high = problem.bounds.bounds(problem.robot.mechanism)
-        self._independent = problem.robot.mechanism.indices(problem.independent)
+        self._independent = problem.index
         self._names = problem.robot.mechanism.names
         self._scale = problem.robot.kinematics.graph.variable_scale
         self._options = SolveOptions(iterations=25)
 
     @cached_property
     def signs(self) -> tuple[float, float]:
-        """Give the signs of the determinants of [N K] and [M N] at the start; nan where not square."""
+        """Give the signs of the determinants of [N K] and [M N] at the start; nan where any sign is good."""
         parallel, serial = self.problem.determinants.signs(self.problem.start_configuration.X)
-        return float(parallel[0]), float(serial[0])
+        return float(parallel[0]), float("nan") if self.problem.allow_mode_change else float(serial[0])
+
+    @cached_property
+    def level_names(self) -> tuple[str, ...]:
+        """Name the quantities of `levels` as `judge` names what is wrong."""
+        ranges = [f"limit of {self._names[i]}" for i in self._bounded]
+        return (*ranges, "singularity", "singularity", *(["collision between positions"] if self._near else []))
+
+    def levels(self, X: Array, T: Array) -> Array:
+        """Measure how far n closed configurations are from their bounds, each in the quantity's own unit.
+
+        Args:
+            X: Configurations, shape (n, n_variables).
+            T: Motions `dX / d independent` there.
+
+        Returns:
+            Distances from the bounds, not negative where valid, shape (n, n_levels).
+        """
+        problem = self.problem
+        inside = np.minimum(X - self._low, self._high - X)[:, self._bounded] / self._scale[self._bounded]
+        margins = problem.space.margins(X, T)
+        columns = [inside, np.column_stack([margins.parallel, self._serial(margins)]) - problem.margins.singularity]
+        if self._near:
+            columns.append(problem.scene.clearances(X)[0][:, None] - problem.margins.clearance)
+        return np.hstack(columns)
+
+    @cached_property
+    def _bounded(self) -> NDArray[np.intp]:
+        return np.flatnonzero(np.isfinite(self._low) | np.isfinite(self._high))
+
+    def _serial(self, margins: SingularityMargins) -> Array:
+        return np.ones_like(margins.serial) if self.problem.allow_mode_change else margins.serial
 
     def judge(self, values: Array, starts: Array, tangents: Array) -> Verdict:
         """Solve and judge n poses.
@@ -93,7 +127,7 @@ class Validity:
         worst = np.argmax(excess, axis=1)
         for i in np.flatnonzero((reasons == VALID) & (np.max(excess, axis=1) > 1e-9)):
             reasons[i] = f"limit of {self._names[worst[i]]}"
-        if problem.scene.pairs and (left := np.flatnonzero(reasons == VALID)).size:
+        if self._near and (left := np.flatnonzero(reasons == VALID)).size:
             for i, pair in zip(left, problem.scene.too_close(X[left], problem.margins.clearance), strict=True):
                 if pair >= 0:
                     reasons[i] = f"collision {problem.scene.pairs[pair].name}"
@@ -105,7 +139,7 @@ class Validity:
         if (left := np.flatnonzero(reasons == VALID)).size:
             T[left] = problem.space.tangent(X[left])
             margins = problem.space.margins(X[left], T[left])
-            close = np.minimum(margins.parallel, margins.serial) < problem.margins.singularity
+            close = np.minimum(margins.parallel, self._serial(margins)) < problem.margins.singularity
             reasons[left[close]] = "singularity"
         return Verdict(reasons == VALID, X, T, tuple(reasons.tolist()))
 
@@ -118,15 +152,18 @@ def check_ends(problem: Problem, validity: Validity) -> None:
         validity: Its judge.
 
     Raises:
-        DefinitionError: The operational variables are not as many as the degrees of freedom.
-        InfeasibleError: The message names the end, what is wrong there, the value and the bound.
+        DefinitionError: The independent coordinates are not as many as the degrees of freedom.
+        InfeasibleError: The message names the end, what is wrong there, the value and the bound. Evidence: the
+            configuration, the reason, the determinants of [N K] and [M N] at both ends, and where the straight motion
+            meets the singularity that parts them.
     """
     report = report_state(problem.robot.kinematics, problem.start_configuration)
     if report.useful_mobility != len(problem.independent):
+        role = "actuators" if problem.allow_mode_change else "operational variables"
         raise DefinitionError(
             f"{problem.robot.name!r} has {report.useful_mobility} useful degrees of freedom at the start, but "
-            f"{len(problem.independent)} operational variables {list(problem.independent)}: a path in these does not "
-            "determine the motion; name as many operational variables as there are degrees of freedom",
+            f"{len(problem.independent)} {role} {list(problem.independent)}: a path in these does not "
+            f"determine the motion; name as many {role} as there are degrees of freedom",
             report=report,
         )
     for label, configuration in (
@@ -138,9 +175,62 @@ def check_ends(problem: Problem, validity: Validity) -> None:
         if verdict.valid[0]:
             continue
         reason = verdict.reasons[0]
-        raise InfeasibleError(f"{label} {_explain(problem, X, reason)}", configuration=configuration, reason=reason)
-    if isinstance(problem.goal, Configuration):
+        evidence: dict[str, object] = {"configuration": configuration, "reason": reason}
+        text = _explain(problem, X, reason)
+        if reason == "branch":
+            crossing = find_crossing(problem)
+            if crossing is not None:
+                text += f"; the straight motion meets it first at {100 * crossing:.2f} % of the way"
+            ends = (problem.start_configuration.X, X[0])
+            evidence |= {"crossing": crossing, "determinants": problem.determinants(np.array(ends))}
+        raise InfeasibleError(f"{label} {text}", **evidence)
+    if isinstance(problem.goal, Configuration) and not problem.allow_mode_change:
         _check_same_branch(problem, problem.goal)
+
+
+def find_crossing(problem: Problem, count: int = 200) -> float | None:
+    """Find where the straight motion from start to goal first changes the sign of a determinant that must keep it.
+
+    Args:
+        problem: The problem.
+        count: Number of steps of the motion.
+
+    Returns:
+        The share of the way, or None where no change is met before the closures fail.
+    """
+    kinematics, names = problem.robot.kinematics, problem.independent
+    X = problem.start_configuration.X[None, :]
+    first, last = X[0, problem.index].copy(), problem.goal_values()
+    kept = 1 if problem.allow_mode_change else 2
+
+    def step(X: Array, t: float) -> tuple[Array, bool]:
+        values = (first + t * (last - first))[None, :]
+        predicted = X + np.einsum("nvm,nm->nv", problem.space.tangent(X), values - X[:, problem.index])
+        closed = kinematics.solve_batch(names, values, predicted)
+        return closed.X, bool(closed.converged[0])
+
+    def signs(X: Array) -> Array:
+        found = np.array(problem.determinants.signs(X))[:kept, 0]
+        return found[~np.isnan(found)]
+
+    reference = signs(X)
+    low = 0.0
+    for high in np.linspace(0.0, 1.0, count + 1)[1:].tolist():
+        beyond, closes = step(X, high)
+        if not closes:
+            return None
+        if np.all(signs(beyond) == reference):
+            X, low = beyond, high
+            continue
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            between, closes = step(X, middle)
+            if closes and np.all(signs(between) == reference):
+                X, low = between, middle
+            else:
+                high = middle
+        return 0.5 * (low + high)
+    return None
 
 
 def _check_same_branch(problem: Problem, goal: Configuration) -> None:
@@ -149,8 +239,7 @@ def _check_same_branch(problem: Problem, goal: Configuration) -> None:
     Determinants of equal signs do not prove that two solutions lie on one branch; a regular walk that arrives elsewhere
     proves that they do not. Where the walk meets a singularity nothing is concluded here.
     """
-    kinematics, names = problem.robot.kinematics, problem.independent
-    index = problem.robot.mechanism.indices(names)
+    kinematics, names, index = problem.robot.kinematics, problem.independent, problem.index
     X = problem.start_configuration.X[None, :]
     first, last = X[0, index].copy(), problem.goal_values()
     steps = max(8, int(np.ceil(np.max(np.abs(last - first) * problem.metric) / (0.1 * problem.robot.mechanism.length))))
@@ -207,9 +296,10 @@ def _explain(problem: Problem, X: Array, reason: str) -> str:
         )
     if reason == "singularity":
         margins = problem.space.margins(X)
+        serial = "" if problem.allow_mode_change else f", serial margin {margins.serial[0]:.4f}"
         return (
-            f"is too near a singularity: parallel margin {margins.parallel[0]:.4f}, serial margin "
-            f"{margins.serial[0]:.4f}, the bound is {problem.margins.singularity:.4f}"
+            f"is too near a singularity: parallel margin {margins.parallel[0]:.4f}{serial}, the bound is "
+            f"{problem.margins.singularity:.4f}"
         )
     if reason.startswith("limit of "):
         name = reason.removeprefix("limit of ")
@@ -218,7 +308,8 @@ def _explain(problem: Problem, X: Array, reason: str) -> str:
         unit = mechanism.variables[i].unit
         return f"is out of the range of {name!r}: {X[0, i]:.6g} {unit} is not in [{low[i]:.6g}, {high[i]:.6g}] {unit}"
     ours, theirs = problem.determinants(problem.start_configuration.X), problem.determinants(X)
-    changed = [k for k, a, b in zip(("[N K]", "[M N]"), ours, theirs, strict=True) if np.sign(a[0]) != np.sign(b[0])]
+    kept = ("[N K]",) if problem.allow_mode_change else ("[N K]", "[M N]")
+    changed = [k for k, a, b in zip(kept, ours, theirs, strict=False) if np.sign(a[0]) != np.sign(b[0])]
     kinds = {"[N K]": "a parallel singularity", "[M N]": "a serial singularity"}
     between = " and ".join(kinds[k] for k in changed)
     return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -9,7 +10,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from paraopt.errors import DefinitionError
+from paraopt.planning.ground import Ground, Spot
 from paraopt.planning.problem import Problem
+from paraopt.planning.validity import Validity, check_ends, compare_configurations
 
 Array = NDArray[np.float64]
 
@@ -28,6 +32,7 @@ class Seed:
         checks: Number of poses that were judged.
         step: Step of the grid [m].
         straight_reason: What blocks the straight motion from start to goal; "valid" when nothing does.
+        queued: Positions that were found valid and still waited to be looked at, shape (n, m).
     """
 
     problem: Problem
@@ -39,6 +44,45 @@ class Seed:
     checks: int = 0
     step: float = 0.0
     straight_reason: str = "valid"
+    queued: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+
+    @classmethod
+    def along(
+        cls,
+        ground: Ground,
+        spots: Sequence[Spot],
+        *,
+        step: float,
+        straight_reason: str,
+        switches: Sequence[Array] = (),
+        queued: Sequence[Array] = (),
+    ) -> Seed:
+        """Collect what a search has found.
+
+        Args:
+            ground: Where it looked.
+            spots: The way.
+            step: Step of the search [m].
+            straight_reason: What blocks the straight motion.
+            switches: Positions where it changed its mode.
+            queued: Positions that it had not looked at yet.
+        """
+        m = len(ground.problem.independent)
+        explored, blocked, turns, waiting = (
+            np.array(part, dtype=float).reshape(-1, m) for part in (ground.explored, ground.blocked, switches, queued)
+        )
+        return cls(
+            ground.problem,
+            np.array([spot.value for spot in spots]),
+            np.array([spot.X for spot in spots]),
+            explored,
+            blocked,
+            turns,
+            ground.validity.checks,
+            step,
+            straight_reason,
+            waiting,
+        )
 
     @cached_property
     def length(self) -> float:
@@ -64,3 +108,40 @@ class Seeder(Protocol):
     def seed(self, problem: Problem) -> Seed:
         """Search a chain of valid configurations, or raise an error that says why there is none."""
         ...
+
+
+def begin_search(problem: Problem) -> tuple[Validity, float]:
+    """Judge both ends, as every seeder does before it searches.
+
+    Args:
+        problem: The problem.
+
+    Returns:
+        The judge, and the distance between the ends in the problem's metric [m].
+
+    Raises:
+        InfeasibleError: The start or the goal is not valid, or they lie on different branches.
+        DefinitionError: They are the same.
+    """
+    validity = Validity(problem)
+    check_ends(problem, validity)
+    start, goal = problem.start_configuration, problem.goal_configuration
+    distance = float(np.linalg.norm((problem.goal_values() - start.X[problem.index]) * problem.metric))
+    if distance == 0.0 and compare_configurations(problem, start.X, goal.X)[1] < 1e-9:
+        raise DefinitionError("start and goal are the same pose: there is nothing to plan", start=start, goal=goal)
+    return validity, distance
+
+
+def choose_step(problem: Problem, distance: float) -> float:
+    """Choose the step of a search: an eighth of the distance, but no small share of the machine's size [m]."""
+    length = problem.characteristic_length or problem.robot.mechanism.length
+    return max(distance / 8.0, length / 32.0)
+
+
+def try_straight(ground: Ground) -> tuple[str, Spot | None]:
+    """Check the straight motion from start to goal; see `Ground.edge`."""
+    origin = ground.origin
+    reason, last = ground.edge(origin, ground.toward(origin.value, ground.problem.goal_values()))
+    if last is not None and not ground.is_goal(last):
+        return "branch", None
+    return reason, last
