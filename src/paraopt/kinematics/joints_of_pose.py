@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
@@ -42,6 +44,8 @@ def close_legs(
     """
     mechanism = kinematics.mechanism
     n = len(X)
+    # a pose may be far away, and a leg is small: long steps do no harm
+    far = replace(options, step_limit=max(options.step_limit, 30.0))
     X = turn_towards(kinematics, X, target)
     marks = None if reader is None else reader(X)
     low, high = (np.array([v.range[k] for v in mechanism.variables]) for k in (0, 1))
@@ -54,7 +58,7 @@ def close_legs(
         starts[0] = target[columns]
         rows = np.repeat(X, tries, axis=0)
         rows[:, columns] = np.tile(starts, (n, 1))
-        closed, residual = close_rows(kinematics, rows, free, leg.rows, options)
+        closed, residual = close_rows(kinematics, rows, free, leg.rows, far)
         closed = turn_towards(kinematics, closed, target)
         # the poses are exact to round-off of their own: closed is what is near enough to be polished with them
         good = residual <= max(1e-7, options.tolerance)
