@@ -8,8 +8,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from paraopt.errors import DefinitionError
 from paraopt.kinematics import CompiledFunction
-from paraopt.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from paraopt.shapes import Box, Capsule, Cone, ConvexPolyhedron, Cylinder, HalfSpace, Mesh, Shape, Sphere
 
 Array = NDArray[np.float64]
 _TINY = 1e-300
@@ -19,29 +20,60 @@ def enclose(shape: Shape) -> tuple[Array, float]:
     """Enclose a solid in a capsule.
 
     Args:
-        shape: The solid.
+        shape: The solid; of a half-space, which nothing encloses, its plane's origin is given with radius 0.
 
     Returns:
         Ends of the capsule's segment in the solid's own frame [m], shape (2, 3), and its radius [m].
+
+    Raises:
+        DefinitionError: The solid is of an unknown kind.
     """
+    if isinstance(shape, ConvexPolyhedron):
+        return enclose_points(shape.hull.vertices)
+    if isinstance(shape, Mesh):
+        return enclose_points(np.vstack([solid.hull.vertices for solid in shape.solids]))
+    axis, low, high, radius = 2, 0.0, 0.0, 0.0
     if isinstance(shape, Capsule):
-        half, radius, axis = 0.5 * shape.length, shape.radius, 2
+        low, high, radius = -0.5 * shape.length, 0.5 * shape.length, shape.radius
     elif isinstance(shape, Cylinder):
-        half, radius, axis = 0.5 * shape.length, shape.radius, 2
+        low, high, radius = -0.5 * shape.length, 0.5 * shape.length, shape.radius
         # the flat ends stick out of the round ones at the rim, unless the segment reaches the ends and the radius grows
-        if half <= radius:
-            half, radius = 0.0, float(np.hypot(half, radius))
+        if high <= radius:
+            low, high, radius = 0.0, 0.0, float(np.hypot(high, radius))
+    elif isinstance(shape, Cone):
+        # the round end about the base holds the rim, the other one only has to hold the apex
+        low, radius = -0.5 * shape.length, shape.radius
+        high = max(low, 0.5 * shape.length - radius)
     elif isinstance(shape, Box):
         size = 0.5 * np.asarray(shape.size)
         axis = int(np.argmax(size))
-        half, radius = float(size[axis]), float(np.linalg.norm(np.delete(size, axis)))
+        low, high, radius = -float(size[axis]), float(size[axis]), float(np.linalg.norm(np.delete(size, axis)))
     elif isinstance(shape, Sphere):
-        half, radius, axis = 0.0, shape.radius, 2
-    else:
-        half, radius, axis = 0.0, shape.bounding_radius, 2
+        radius = shape.radius
+    elif not isinstance(shape, HalfSpace):
+        raise DefinitionError(f"{shape.label} cannot be checked for collision; nothing is known of its size")
     ends = np.zeros((2, 3))
-    ends[0, axis], ends[1, axis] = -half, half
+    ends[:, axis] = low, high
     return ends, radius
+
+
+def enclose_points(points: Array) -> tuple[Array, float]:
+    """Enclose points (n, 3) in a capsule along the direction in which they spread most; ends and radius as above."""
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    axes = np.linalg.svd(points - centre, full_matrices=False)[2]
+    local = (points - centre) @ axes.T
+    # the axis runs through the middle of what is seen along it
+    middle = 0.5 * (local[:, 1:].min(axis=0) + local[:, 1:].max(axis=0))
+    across = np.linalg.norm(local[:, 1:] - middle, axis=1)
+    radius = float(across.max()) * (1.0 + 1e-12)
+    # a point off the axis lets the round end begin before it
+    share = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+    low, high = float(np.min(local[:, 0] + share)), float(np.max(local[:, 0] - share))
+    if low > high:
+        low = high = 0.5 * (low + high)
+        radius = float(np.max(np.hypot(across, local[:, 0] - low))) * (1.0 + 1e-12)
+    ends = np.column_stack([(low, high), np.tile(middle, (2, 1))])
+    return centre + ends @ axes, radius
 
 
 @functools.cache

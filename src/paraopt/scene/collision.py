@@ -1,13 +1,13 @@
-"""The one door to coal: distances between placed solids, with witness points and normals.
+"""Distances between placed bodies, with witness points and normals, for batches of link poses.
 
-Conventions: the distance is signed, negative in penetration; the normal is a unit vector that points from the first
-body to the second, so that `p_second - p_first = distance * normal` at the witness points, and moving the second body
-along the normal increases the distance.
+The conventions are those of the room, see `paraopt.scene`. Most pairs are measured by coal; those that it measures
+wrongly, and cables against polyhedra, by formula.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import coal
 import numpy as np
@@ -15,30 +15,34 @@ from numpy.typing import NDArray
 
 from paraopt.errors import BackendError, DefinitionError
 from paraopt.scene.bounds import enclose, segment_distance
-from paraopt.scene.exact import measure_point_and_cylinder
+from paraopt.scene.cable import Cable, shorten_segments
+from paraopt.scene.exact import measure_point_and_cylinder, pose_segments, repair_normals
+from paraopt.scene.geometry import Cell, list_cells
 from paraopt.scene.pairs import WORLD, Body, Pair
-from paraopt.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from paraopt.scene.segments import measure_segments, stack_hulls
+from paraopt.shapes import Cylinder, HalfSpace, Sphere
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Measured = tuple[Array, Array, Array]
 _BLOCK = 64
 _ABSURD = 1e100  # coal reports the largest double when its search fails [m]
 
 
-def build_geometry(shape: Shape) -> coal.CollisionGeometry:
-    """Build coal's solid for a shape, in the shape's own frame.
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Hold where the bodies are at n samples.
 
-    Raises:
-        DefinitionError: coal has no solid for this kind of shape here.
+    Attributes:
+        poses: Poses of the bodies in the world, shape (n, n_bodies, 4, 4); a cable's z axis runs along it.
+        ends: Ends of the cables in the world, without what is ignored [m], shape (n, n_cables, 2, 3).
     """
-    if isinstance(shape, Box):
-        return coal.Box(*np.asarray(shape.size, dtype=float))
-    if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
-    if isinstance(shape, Cylinder):
-        return coal.Cylinder(shape.radius, shape.length)
-    if isinstance(shape, Capsule):
-        return coal.Capsule(shape.radius, shape.length)
-    raise DefinitionError(f"{shape.label} cannot be checked for collision; use Box, Sphere, Cylinder or Capsule")
+
+    poses: Array
+    ends: Array
+
+    def __len__(self) -> int:
+        return len(self.poses)
 
 
 def _build_request(separation: float, penetration: float) -> coal.DistanceRequest:
@@ -53,65 +57,134 @@ class CollisionModel:
     """Measure distances between pairs of bodies for batches of link poses.
 
     Args:
-        bodies: The solids.
+        bodies: The solids, then the cables.
         pairs: The pairs that are checked.
         tolerance: Accuracy asked of coal's iterations for separate bodies [m]; penetrations are known to about 1e-5 m.
+
+    Raises:
+        DefinitionError: A pair is made of two half-spaces, which have no distance.
     """
 
     def __init__(self, bodies: Sequence[Body], pairs: Sequence[Pair], tolerance: float = 1e-9) -> None:
         self.bodies, self.pairs = tuple(bodies), tuple(pairs)
-        geometries = [build_geometry(b.shape) for b in self.bodies]
-        self._geometries = geometries  # coal keeps no reference of its own
-        self._measure = [coal.ComputeDistance(geometries[p.first], geometries[p.second]) for p in self.pairs]
+        self._cells = cells = list_cells([b.shape for b in self.bodies])  # coal keeps no reference of its own
         # asked for more than about 1e-6 m, coal's search for the depth of a penetration ends on wrong facets or fails
         self._request = _build_request(tolerance, max(tolerance, 1e-6))
         self._modest_request = _build_request(1e3 * tolerance, 1e-4)
         self._first = np.array([p.first for p in self.pairs], dtype=int)
         self._second = np.array([p.second for p in self.pairs], dtype=int)
-        ends, radii = zip(*[enclose(b.shape) for b in self.bodies], strict=True) if self.bodies else ((), ())
-        self._ends, self._radii = np.array(ends).reshape(-1, 2, 3), np.array(radii)
-        self._placements = np.array([b.shape.pose for b in self.bodies]).reshape(-1, 4, 4)
-        self._frames = np.array([b.frame for b in self.bodies], dtype=int)
-        kinds = [{type(self.bodies[i].shape) for i in (p.first, p.second)} for p in self.pairs]
+        self._place_data()
+        self._bound_data()
+        self._list_elements(cells)
+
+    def _place_data(self) -> None:
+        solids = [(b.frame, b.shape) for b in self.bodies if not isinstance(b.shape, Cable)]
+        self._n_solids = len(solids)
+        self._placements = np.array([shape.pose for _, shape in solids]).reshape(-1, 4, 4)
+        self._frames = np.array([frame for frame, _ in solids], dtype=int)
+        cables = [(b, b.shape) for b in self.bodies if isinstance(b.shape, Cable)]
+        self._cable_frames = np.array([(b.frame, b.frame_B) for b, _ in cables], dtype=int).reshape(-1, 2)
+        self._cable_points = np.array([(c.point_A, c.point_B) for _, c in cables]).reshape(-1, 2, 3)
+        self._cable_ignore = np.array([c.ignore for _, c in cables]).reshape(-1, 2)
+
+    def _bound_data(self) -> None:
+        solids = [b.shape for b in self.bodies if not isinstance(b.shape, Cable)]
+        ends, radii = zip(*[enclose(s) for s in solids], strict=True) if solids else ((), ())
+        self._ends = np.array(ends).reshape(-1, 2, 3)
+        self._radii = np.array([*radii, *[b.shape.radius for b in self.bodies if isinstance(b.shape, Cable)]])
+        flat = np.array([isinstance(b.shape, HalfSpace) for b in self.bodies], dtype=bool)
+        both = np.flatnonzero(flat[self._first] & flat[self._second])
+        if both.size:
+            raise DefinitionError(
+                f"{self.pairs[both[0]].name} are two half-spaces, which have no distance; skip the pair, or use a box"
+            )
+        self._flat_pairs = np.flatnonzero(flat[self._first] | flat[self._second])
+        first = flat[self._first[self._flat_pairs]]
+        self._planes = np.where(first, self._first[self._flat_pairs], self._second[self._flat_pairs])
+        self._above = np.where(first, self._second[self._flat_pairs], self._first[self._flat_pairs])
+
+    def _list_elements(self, cells: Sequence[Cell]) -> None:
+        """List the pairs of convex pieces of every pair of bodies; without meshes they are the pairs themselves."""
+        of_body: list[list[int]] = [[] for _ in self.bodies]
+        for k, cell in enumerate(cells):
+            of_body[cell.body].append(k)
+        elements = [(i, j, p) for p, pair in enumerate(self.pairs)
+                    for i in of_body[pair.first] for j in of_body[pair.second]]  # fmt: skip
+        first, second, owner = np.array(elements, dtype=int).reshape(-1, 3).T
+        self._element_cells = np.stack([first, second])
+        self._element_pair = owner
+        self._count = np.bincount(owner, minlength=len(self.pairs))
+        self._start = np.concatenate([[0], np.cumsum(self._count)[:-1]]).astype(int)
+        self._simple = bool(np.all(self._count == 1))
+        body = np.array([c.body for c in cells], dtype=int)
+        self._element_bodies = body[self._element_cells]
+        self._measure = [coal.ComputeDistance(cells[i].geometry, cells[j].geometry) for i, j, _ in elements]
+        kinds = [{type(cells[i].shape), type(cells[j].shape)} for i, j, _ in elements]
         # coal 3.0.3 gives wrong depths for a sphere whose centre is inside a cylinder
         self._by_formula = np.array([kind == {Sphere, Cylinder} for kind in kinds], dtype=bool)
-        self._is_ball = np.array([isinstance(b.shape, Sphere) for b in self.bodies], dtype=bool)
-        sizes = [(getattr(b.shape, "radius", np.nan), getattr(b.shape, "length", np.nan)) for b in self.bodies]
+        self._of_cable = np.array([Cable in kind for kind in kinds], dtype=bool)
+        polyhedral = np.array([c.is_polyhedral for c in cells], dtype=bool)
+        self._by_segment = self._of_cable & polyhedral[self._element_cells].any(axis=0)
+        # the hulls that cables meet, and where each cell's stands among them
+        used = np.unique(self._element_cells[:, self._by_segment])
+        hulls = [int(k) for k in used if polyhedral[k]]
+        self._hull_of_cell = np.full(len(cells), -1)
+        self._hull_of_cell[hulls] = np.arange(len(hulls))
+        self._hulls = stack_hulls([cells[k].build_hull() for k in hulls]) if hulls else None
+        self._special = self._by_formula | self._of_cable
+        self._is_ball = np.array([isinstance(c.shape, Sphere) for c in cells], dtype=bool)
+        sizes = [(getattr(c.shape, "radius", np.nan), getattr(c.shape, "length", np.nan)) for c in cells]
         self._radius, self._length = np.array(sizes, dtype=float).reshape(-1, 2).T
 
-    def place(self, poses: Array) -> Array:
-        """Give the pose of every body in the world.
+    def place(self, poses: Array) -> Placement:
+        """Place every body in the world.
 
         Args:
             poses: Link poses, shape (n, n_links, 4, 4).
 
         Returns:
-            Body poses, shape (n, n_bodies, 4, 4).
+            The placed bodies.
         """
         n = len(poses)
-        frames = np.empty((n, len(self.bodies), 4, 4))
+        frames = np.empty((n, self._n_solids, 4, 4))
         moving = self._frames != WORLD
         frames[:, moving] = poses[:, self._frames[moving]]
         frames[:, ~moving] = np.eye(4)
-        return frames @ self._placements
+        placed = frames @ self._placements
+        if not len(self._cable_frames):
+            return Placement(placed, np.empty((n, 0, 2, 3)))
+        A, B = self.anchors(poses)
+        ends = shorten_segments(A, B, self._cable_ignore)
+        return Placement(np.concatenate([placed, pose_segments(ends, B - A)], axis=1), ends)
 
-    def lower_bounds(self, placed: Array) -> Array:
+    def anchors(self, poses: Array) -> tuple[Array, Array]:
+        """Give both ends of the cables in the world [m], shape (n, n_cables, 3) each."""
+        X = poses[:, self._cable_frames]
+        points = np.einsum("ncsij,csj->ncsi", X[..., :3, :3], self._cable_points) + X[..., :3, 3]
+        return points[:, :, 0], points[:, :, 1]
+
+    def lower_bounds(self, placed: Placement) -> Array:
         """Bound the distance of every pair from below by that of enclosing capsules [m], shape (n, n_pairs)."""
+        n = len(placed)
         if not self.pairs:
-            return np.empty((len(placed), 0))
-        ends = self._ends @ placed[..., :3, :3].transpose(0, 1, 3, 2) + placed[:, :, None, :3, 3]
-        gap = np.empty((len(placed), len(self.pairs)))
-        for start in range(0, len(placed), _BLOCK):  # blocks that stay in the processor's cache
-            block = ends[start : start + _BLOCK]
-            P, Q = block[:, self._first].reshape(-1, 2, 3), block[:, self._second].reshape(-1, 2, 3)
-            gap[start : start + _BLOCK] = segment_distance().batch(P, Q)[0].reshape(len(block), -1)
-        return gap - self._radii[self._first] - self._radii[self._second]
+            return np.empty((n, 0))
+        poses = placed.poses[:, : self._n_solids]
+        ends = self._ends @ poses[..., :3, :3].transpose(0, 1, 3, 2) + poses[:, :, None, :3, 3]
+        if placed.ends.shape[1]:
+            ends = np.concatenate([ends, placed.ends], axis=1)
+        gap = _gaps(ends, self._first, self._second)
+        gap -= self._radii[self._first] + self._radii[self._second]
+        if self._flat_pairs.size:
+            planes = placed.poses[:, self._planes]
+            heights = np.einsum("nki,nkei->nke", planes[..., :3, 2], ends[:, self._above] - planes[:, :, None, :3, 3])
+            gap[:, self._flat_pairs] = heights.min(axis=2) - self._radii[self._above]
+        return gap
 
-    def measure(self, placed: Array, samples: NDArray[np.intp], pairs: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    def measure(self, placed: Placement, samples: Indices, pairs: Indices) -> Measured:
         """Measure chosen pairs at chosen samples.
 
         Args:
-            placed: Body poses, shape (n, n_bodies, 4, 4).
+            placed: The placed bodies.
             samples: Sample of each measurement, shape (k,).
             pairs: Pair of each measurement, shape (k,).
 
@@ -122,46 +195,87 @@ class CollisionModel:
         Raises:
             BackendError: coal failed.
         """
+        if self._simple:
+            return self._measure_elements(placed, samples, pairs)
+        distances, points, normals = self._measure_elements(placed, samples, self._start[pairs])
+        # a mesh is as near as the nearest of its parts
+        for part in range(1, int(self._count[pairs].max(initial=1))):
+            rows = np.flatnonzero(self._count[pairs] > part)
+            found = self._measure_elements(placed, samples[rows], self._start[pairs[rows]] + part)
+            nearer = found[0] < distances[rows]
+            for kept, new in zip((distances, points, normals), found, strict=True):
+                kept[rows[nearer]] = new[nearer]
+        return distances, points, normals
+
+    def _measure_elements(self, placed: Placement, samples: Indices, elements: Indices) -> Measured:
         k = len(samples)
         distances, points, normals = np.empty(k), np.empty((k, 2, 3)), np.empty((k, 3))
-        formula = self._by_formula[pairs]
-        if np.any(formula):
-            distances[formula], points[formula], normals[formula] = self._measure_balls(
-                placed, samples[formula], pairs[formula]
-            )
+        special = self._special[elements]
+        if special.any():
+            formula, segment = self._by_formula[elements], self._by_segment[elements]
+            for rows, act in ((formula, self._measure_balls), (segment, self._measure_cables)):
+                if rows.any():
+                    distances[rows], points[rows], normals[rows] = act(placed, samples[rows], elements[rows])
+            for row in np.flatnonzero(special & ~formula & ~segment):
+                self._stretch(placed, int(samples[row]), int(elements[row]))
+                one = slice(row, row + 1)
+                self._ask_coal(placed, samples[one], elements[one], distances[one], points[one], normals[one])
+            rest = np.flatnonzero(~special)
+            found = np.empty(len(rest)), np.empty((len(rest), 2, 3)), np.empty((len(rest), 3))
+            self._ask_coal(placed, samples[rest], elements[rest], *found)
+            distances[rest], points[rest], normals[rest] = found
+        else:
+            self._ask_coal(placed, samples, elements, distances, points, normals)
+        return distances, points, normals
+
+    def _ask_coal(
+        self, placed: Placement, samples: Indices, elements: Indices, distances: Array, points: Array, normals: Array
+    ) -> None:
+        """Let coal measure pieces; the results are written into the arrays."""
         A, B, result = coal.Transform3s(), coal.Transform3s(), coal.DistanceResult()
-        first, second = self._first[pairs], self._second[pairs]
-        R_A, R_B = placed[samples, first, :3, :3], placed[samples, second, :3, :3]
-        p_A, p_B = placed[samples, first, :3, 3], placed[samples, second, :3, 3]
+        bodies = self._element_bodies[:, elements]
+        X_A, X_B = placed.poses[samples, bodies[0]], placed.poses[samples, bodies[1]]
+        R_A, p_A, R_B, p_B = X_A[:, :3, :3], X_A[:, :3, 3], X_B[:, :3, :3], X_B[:, :3, 3]
+        measures, request = self._measure, self._request
+        element = -1
         try:
-            for i, pair in enumerate(pairs.tolist()):
-                if formula[i]:
-                    continue
+            for i, element in enumerate(elements.tolist()):
                 A.setTransform(R_A[i], p_A[i])
                 B.setTransform(R_B[i], p_B[i])
                 result.clear()
-                distance = self._measure[pair](A, B, self._request, result)
+                distance = measures[element](A, B, request, result)
                 if abs(distance) > _ABSURD:
                     result.clear()
-                    distance = self._measure[pair](A, B, self._modest_request, result)
+                    distance = measures[element](A, B, self._modest_request, result)
                     if abs(distance) > _ABSURD:
-                        raise BackendError(f"coal found no distance for the pair {self.pairs[pair].name}")
+                        raise BackendError(f"coal found no distance for the pair {self._name(element)}")
                 distances[i] = distance
                 points[i, 0], points[i, 1] = result.getNearestPoint1(), result.getNearestPoint2()
                 normals[i] = result.normal
         except (RuntimeError, ValueError) as error:
-            raise BackendError(f"coal failed on the pair {self.pairs[pair].name}: {error}") from error
-        return distances, points, normals
+            raise BackendError(f"coal failed on the pair {self._name(element)}: {error}") from error
+        repair_normals(distances, points, normals, X_A, X_B)
 
-    def _measure_balls(
-        self, placed: Array, samples: NDArray[np.intp], pairs: NDArray[np.intp]
-    ) -> tuple[Array, Array, Array]:
+    def _name(self, element: int) -> str:
+        return self.pairs[int(self._element_pair[element])].name
+
+    def _stretch(self, placed: Placement, sample: int, element: int) -> None:
+        """Give coal's capsules of cables their length at a sample."""
+        for cell in self._element_cells[:, element]:
+            body = self._cells[cell].body
+            if body >= self._n_solids:
+                a, b = placed.ends[sample, body - self._n_solids]
+                self._cells[cell].geometry.halfLength = 0.5 * float(np.linalg.norm(b - a))
+
+    def _measure_balls(self, placed: Placement, samples: Indices, elements: Indices) -> Measured:
         """Measure pairs of a sphere and a cylinder by formula."""
-        first, second = self._first[pairs], self._second[pairs]
-        ball_first = self._is_ball[first]
-        ball, tube = np.where(ball_first, first, second), np.where(ball_first, second, first)
+        cells, bodies = self._element_cells[:, elements], self._element_bodies[:, elements]
+        ball_first = self._is_ball[cells[0]]
+        ball, tube = np.where(ball_first, cells[0], cells[1]), np.where(ball_first, cells[1], cells[0])
         ball_radius, radius, half = self._radius[ball], self._radius[tube], 0.5 * self._length[tube]
-        centre, X_WT = placed[samples, ball, :3, 3], placed[samples, tube]
+        X_WB = placed.poses[samples, np.where(ball_first, bodies[0], bodies[1])]
+        X_WT = placed.poses[samples, np.where(ball_first, bodies[1], bodies[0])]
+        centre = X_WB[:, :3, 3]
         local = np.einsum("kji,kj->ki", X_WT[:, :3, :3], centre - X_WT[:, :3, 3])
         distance, touched, normal = measure_point_and_cylinder(local, radius, half)
         touched = np.einsum("kij,kj->ki", X_WT[:, :3, :3], touched) + X_WT[:, :3, 3]
@@ -171,25 +285,47 @@ class CollisionModel:
         normal[ball_first] *= -1.0
         return distance - ball_radius, points, normal
 
-    def smallest(self, placed: Array) -> tuple[Array, NDArray[np.intp]]:
-        """Find the smallest distance over all pairs at every sample, and the pair that has it.
+    def _measure_cables(self, placed: Placement, samples: Indices, elements: Indices) -> Measured:
+        """Measure cables against pieces bounded by planes."""
+        if self._hulls is None:
+            raise BackendError("cables meet no polyhedron here")
+        cells, bodies = self._element_cells[:, elements], self._element_bodies[:, elements]
+        cable_first = bodies[0] >= self._n_solids
+        cable = np.where(cable_first, bodies[0], bodies[1])
+        X_WP = placed.poses[samples, np.where(cable_first, bodies[1], bodies[0])]
+        R, p = X_WP[:, :3, :3], X_WP[:, :3, 3]
+        ends = (placed.ends[samples, cable - self._n_solids] - p[:, None]) @ R
+        which = self._hull_of_cell[np.where(cable_first, cells[1], cells[0])]
+        distance, solid, core, normal = measure_segments(ends[:, 0], ends[:, 1], self._hulls, which)
+        radius = self._radii[cable]
+        points = np.stack([solid, core - radius[:, None] * normal], axis=1) @ R.transpose(0, 2, 1) + p[:, None]
+        normal = np.einsum("kij,kj->ki", R, normal)
+        points[cable_first] = points[cable_first, ::-1]
+        normal[cable_first] *= -1.0
+        return distance - radius, points, normal
+
+    def smallest(self, placed: Placement, among: Indices | None = None) -> tuple[Array, Indices]:
+        """Find the smallest distance over pairs at every sample, and the pair that has it.
 
         Pairs are measured in the order of their lower bounds until no bound is below the smallest measured distance.
 
         Args:
-            placed: Body poses, shape (n, n_bodies, 4, 4).
+            placed: The placed bodies.
+            among: Indices of the pairs that are looked at; all when None.
 
         Returns:
             Distances [m] and indices of pairs, shape (n,) each; inf and -1 when there is no pair.
         """
         n = len(placed)
         best, which = np.full(n, np.inf), np.full(n, -1, dtype=int)
-        if not self.pairs:
-            return best, which
         bounds = self.lower_bounds(placed)
+        if among is not None:
+            kept = np.full(bounds.shape, np.inf)
+            kept[:, among] = bounds[:, among]
+            bounds = kept
         order = np.argsort(bounds, axis=1)
         waiting = np.arange(n)
-        for rank in range(len(self.pairs)):
+        for rank in range(len(self.pairs) if among is None else len(among)):
             candidates = order[waiting, rank]
             waiting = waiting[bounds[waiting, candidates] < best[waiting]]
             if not waiting.size:
@@ -200,11 +336,33 @@ class CollisionModel:
             best[waiting[closer]], which[waiting[closer]] = distances[closer], pairs[closer]
         return best, which
 
-    def first_below(self, placed: Array, margin: float) -> NDArray[np.intp]:
+    def first_below(self, placed: Placement, margin: float) -> Indices:
         """Find a pair closer than a margin [m] at every sample; -1 where there is none, shape (n,)."""
         which = np.full(len(placed), -1, dtype=int)
-        samples, pairs = np.nonzero(self.lower_bounds(placed) < margin)
+        if not self.pairs:
+            return which
+        bounds = self.lower_bounds(placed)
+        # the pair with the lowest bound decides most samples that are too close
+        lowest = np.argmin(bounds, axis=1)
+        open_ = np.flatnonzero(bounds[np.arange(len(placed)), lowest] < margin)
+        distances, _, _ = self.measure(placed, open_, lowest[open_])
+        below = distances < margin
+        which[open_[below]] = lowest[open_[below]]
+        open_ = open_[~below]
+        rows, pairs = np.nonzero(bounds[open_] < margin)
+        other = pairs != lowest[open_[rows]]
+        samples, pairs = open_[rows[other]], pairs[other]
         distances, _, _ = self.measure(placed, samples, pairs)
-        below = np.flatnonzero(distances < margin)[::-1]  # the first one is written last
-        which[samples[below]] = pairs[below]
+        found = np.flatnonzero(distances < margin)[::-1]  # the first one is written last
+        which[samples[found]] = pairs[found]
         return which
+
+
+def _gaps(ends: Array, first: Indices, second: Indices) -> Array:
+    """Give distances between segments (n, n_bodies, 2, 3) of chosen pairs [m], shape (n, n_pairs)."""
+    gap = np.empty((len(ends), len(first)))
+    for start in range(0, len(ends), _BLOCK):  # blocks that stay in the processor's cache
+        block = ends[start : start + _BLOCK]
+        P, Q = block[:, first].reshape(-1, 2, 3), block[:, second].reshape(-1, 2, 3)
+        gap[start : start + _BLOCK] = segment_distance().batch(P, Q)[0].reshape(len(block), -1)
+    return gap

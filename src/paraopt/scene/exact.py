@@ -36,3 +36,54 @@ def measure_point_and_cylinder(points: Array, radius: Array, half: Array) -> tup
     normal[~inside] = gap[~inside] / distance[~inside, None]
     distance[inside] = np.maximum(side, end)[inside]
     return distance, points - distance[:, None] * normal, normal
+
+
+def pose_segments(ends: Array, along: Array) -> Array:
+    """Give poses in the middle of segments, their z axis along them.
+
+    Args:
+        ends: Ends of the segments [m], shape (..., 2, 3).
+        along: Vectors along them, which a segment of no length lacks, shape (..., 3); where zero, z is the world's.
+
+    Returns:
+        Poses, shape (..., 4, 4).
+    """
+    length = np.linalg.norm(along, axis=-1, keepdims=True)
+    z = np.where(length > 0.0, along / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))
+    x = find_perpendicular(z)
+    X = np.zeros((*z.shape[:-1], 4, 4))
+    X[..., :3, 0], X[..., :3, 1], X[..., :3, 2] = x, np.cross(z, x), z
+    X[..., :3, 3] = ends.mean(axis=-2)
+    X[..., 3, 3] = 1.0
+    return X
+
+
+def find_perpendicular(z: Array) -> Array:
+    """Give a unit vector normal to each of some unit vectors, shape (..., 3)."""
+    helper = np.eye(3)[np.argmin(np.abs(z), axis=-1)]
+    x = np.cross(helper, z)
+    return np.asarray(x / np.linalg.norm(x, axis=-1, keepdims=True))
+
+
+def repair_normals(distances: Array, points: Array, normals: Array, X_A: Array, X_B: Array) -> None:
+    """Give a normal to those pairs for which coal has none: bodies whose cores cross, such as the axes of two capsules.
+
+    Any direction normal to both axes parts them by the same way; the witness points are put along it.
+
+    Args:
+        distances: Signed distances [m], shape (k,).
+        points: Witness points [m], shape (k, 2, 3); corrected in place.
+        normals: Normals, shape (k, 3); corrected in place.
+        X_A: Poses of the first bodies, shape (k, 4, 4).
+        X_B: Poses of the second bodies.
+    """
+    lost = np.flatnonzero(~(np.abs(np.einsum("ki,ki->k", normals, normals) - 1.0) < 1e-6))
+    if not lost.size:
+        return
+    z_A, z_B = X_A[lost, :3, 2], X_B[lost, :3, 2]
+    across = np.cross(z_A, z_B)
+    size = np.linalg.norm(across, axis=1, keepdims=True)
+    normals[lost] = np.where(size > 1e-9, across / np.maximum(size, 1e-300), find_perpendicular(z_A))
+    middle = points[lost].mean(axis=1)
+    half = 0.5 * distances[lost, None] * normals[lost]
+    points[lost] = np.stack([middle - half, middle + half], axis=1)

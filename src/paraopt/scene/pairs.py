@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
-from paraopt.mechanism import Series
+from paraopt.errors import unknown_name
+from paraopt.mechanism import Fixed, Series, Weld
 from paraopt.robot import Robot
+from paraopt.scene.cable import Cable
+from paraopt.scene.rules import PairRule, find_rule
 from paraopt.shapes import Shape
 
 WORLD = -1
@@ -16,19 +19,29 @@ WORLD = -1
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Describe one solid of a scene.
+    """Describe one solid or cable of a scene.
 
     Attributes:
         name: Name.
-        shape: The solid, placed in its frame.
-        frame: Index of the link that carries it, in the order of `mechanism.links`; -1 for the world.
+        shape: The solid, placed in its frame, or the cable.
+        frame: Index of the link that carries it, in the order of `mechanism.links`; -1 for the world. Of a cable, that
+            of its first end.
         link: Name of that link; "world" for an obstacle.
+        frame_B: Index of the link that carries a cable's second end.
+        link_B: Name of that link; empty for solids.
     """
 
     name: str
-    shape: Shape
+    shape: Shape | Cable
     frame: int
     link: str
+    frame_B: int = WORLD
+    link_B: str = ""
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Give the link that carries it, or both links of a cable."""
+        return (self.link, self.link_B) if isinstance(self.shape, Cable) else (self.link,)
 
 
 @dataclass(frozen=True)
@@ -61,50 +74,120 @@ class SkippedPair:
     reason: str
 
 
-def list_bodies(robot: Robot, obstacles: Sequence[Shape]) -> tuple[Body, ...]:
-    """List the solids of the links in the order of the links, then the obstacles."""
+def list_bodies(robot: Robot, obstacles: Sequence[Shape], cables: Sequence[Cable] = ()) -> tuple[Body, ...]:
+    """List the solids of the links in the order of the links, then the obstacles, then the cables.
+
+    Raises:
+        UnknownNameError: A cable ends on a link that does not exist.
+    """
     bodies = []
-    for frame, link in enumerate(robot.mechanism.links):
-        for shape in robot.shapes.get(link.name, ()):
-            bodies.append(Body(shape.name, shape, frame, link.name))
+    links = [link.name for link in robot.mechanism.links]
+    for frame, link in enumerate(links):
+        for shape in robot.shapes.get(link, ()):
+            bodies.append(Body(shape.name, shape, frame, link))
     for i, shape in enumerate(obstacles):
         bodies.append(Body(shape.name or f"obstacle {i + 1}", shape, WORLD, "world"))
+    for cable in cables:
+        for name in cable.links:
+            if name not in links:
+                raise unknown_name(f"link at an end of cable {cable.name!r}:", name, links)
+        a, b = (links.index(name) for name in cable.links)
+        bodies.append(Body(cable.name, cable, a, cable.link_A, b, cable.link_B))
     return tuple(bodies)
 
 
-def choose_pairs(robot: Robot, bodies: Sequence[Body]) -> tuple[tuple[Pair, ...], tuple[SkippedPair, ...]]:
+def choose_pairs(
+    robot: Robot, bodies: Sequence[Body], rules: Sequence[PairRule] = ()
+) -> tuple[tuple[Pair, ...], tuple[SkippedPair, ...]]:
     """Decide for every pair of bodies whether it is checked.
 
-    Left out are pairs on one link, pairs of fixed bodies, links joined by a joint or a closure (also through links that
-    carry no solid), and the contacts that the robot declares.
+    Left out are pairs on one link, or on links fixed to each other, pairs of bodies that do not move (obstacles, the
+    base, and what is fixed to it), links joined by a joint or a closure (also through links that carry no solid),
+    cables and what their ends are on, and the contacts that the robot declares. Rules have the last word.
 
     Args:
         robot: The machine.
-        bodies: All solids of the scene.
+        bodies: All bodies of the scene.
+        rules: What a person decided, the last rule about a pair holds.
 
     Returns:
         The checked pairs and the skipped ones with their reasons.
     """
     neighbours = find_neighbours(robot)
-    still = {robot.mechanism.base.name, "world"}
+    rigid = find_rigid_groups(robot)
+    declared = {frozenset(pair): reason for pair, reason in robot.contacts.items()}
     checked: list[Pair] = []
     skipped: list[SkippedPair] = []
     for i, j in combinations(range(len(bodies)), 2):
         a, b = bodies[i], bodies[j]
         name = f"{a.name} / {b.name}"
-        key = frozenset((a.link, b.link))
-        declared = next((r for p, r in robot.contacts.items() if frozenset(p) == key), None)
-        if a.link == b.link:
-            skipped.append(SkippedPair(name, f"both on {a.link!r}"))
-        elif key <= still:
-            skipped.append(SkippedPair(name, "neither moves"))
-        elif key in neighbours:
-            skipped.append(SkippedPair(name, neighbours[key]))
-        elif declared is not None:
-            skipped.append(SkippedPair(name, f"declared: {declared}"))
+        reason = _why_not(a, b, neighbours, rigid, declared)
+        rule = find_rule(rules, (a.name, *a.links), (b.name, *b.links))
+        if rule is not None:
+            reason = "" if rule.check else rule.reason
+        if reason:
+            skipped.append(SkippedPair(name, reason))
         else:
-            checked.append(Pair(i, j, name, "world" in key))
+            checked.append(Pair(i, j, name, "world" in (*a.links, *b.links)))
     return tuple(checked), tuple(skipped)
+
+
+def _why_not(
+    a: Body,
+    b: Body,
+    neighbours: dict[frozenset[str], str],
+    rigid: dict[str, str],
+    declared: dict[frozenset[str], str],
+) -> str:
+    """Tell why two bodies need no check; an empty string where they do."""
+    links = (*a.links, *b.links)
+    if len(set(links)) == 1:
+        return f"both on {a.link!r}"
+    if all(rigid[link] == "world" for link in links):
+        return "neither moves"
+    if isinstance(a.shape, Cable) or isinstance(b.shape, Cable):
+        return _why_no_cable(a, b)
+    key = frozenset(links)
+    if key in neighbours:
+        return neighbours[key]
+    if rigid[a.link] == rigid[b.link]:
+        return f"{a.link!r} and {b.link!r} are fixed to each other"
+    return f"declared: {declared[key]}" if key in declared else ""
+
+
+def _why_no_cable(a: Body, b: Body) -> str:
+    if not isinstance(b.shape, Cable):
+        a, b = b, a
+    if isinstance(b.shape, Cable) and not isinstance(a.shape, Cable):
+        for link, ignored in zip(b.links, b.shape.ignore, strict=True):
+            if link == a.link and ignored == 0.0:
+                return f"the cable ends on {link!r}"
+    elif isinstance(a.shape, Cable) and isinstance(b.shape, Cable):
+        for one, other in product(range(2), repeat=2):
+            if a.links[one] != b.links[other] or (a.shape.ignore[one] > 0.0 and b.shape.ignore[other] > 0.0):
+                continue
+            p = (a.shape.point_A, a.shape.point_B)[one]
+            q = (b.shape.point_A, b.shape.point_B)[other]
+            if math.dist(p, q) <= a.shape.radius + b.shape.radius:
+                return f"both end at one place of {a.links[one]!r}"
+    return ""
+
+
+def find_rigid_groups(robot: Robot) -> dict[str, str]:
+    """Name for every link what it moves with: "world" for what is fixed to the base.
+
+    Fixed joints and welds hold links together.
+    """
+    links = [link.name for link in robot.mechanism.links]
+    group = {name: name for name in links} | {"world": "world", robot.mechanism.base.name: "world"}
+    held = [(k.father, k.name) for k in robot.mechanism.links if isinstance(k, Series) and isinstance(k.joint, Fixed)]
+    held += [(c.link_A, c.link_B) for c in robot.mechanism.closures if isinstance(c, Weld)]
+    for _ in held:  # once for each, so that chains in any order are followed to their end
+        for a, b in held:
+            one, other = group[a], group[b]
+            kept = "world" if "world" in (one, other) else min(one, other)
+            group = {name: kept if g in (one, other) else g for name, g in group.items()}
+    return group
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from paraopt.planning import Certificate, Problem, Seed, Trajectory
 from paraopt.scene import Scene
 from paraopt.scene.pairs import WORLD
+from paraopt.shapes import Shape
 from paraopt.view.content import Body, PathLine, Readout
 from paraopt.view.figures import draw_actuators, draw_margins
 from paraopt.view.page import write_page
@@ -25,9 +26,10 @@ Array = NDArray[np.float64]
 
 
 def list_page_bodies(scene: Scene) -> tuple[Body, ...]:
-    """List the solids of a scene with the kind that decides their colour."""
+    """List the solids of a scene with the kind that decides their colour, but not cables: their length changes."""
     kinds = {**list_link_kinds(scene.robot.mechanism), "world": "obstacle"}
-    return tuple(Body(b.name, b.shape, -1 if b.frame == WORLD else b.frame, kinds[b.link]) for b in scene.bodies)
+    solids = [(b, b.shape) for b in scene.bodies if isinstance(b.shape, Shape)]
+    return tuple(Body(b.name, shape, -1 if b.frame == WORLD else b.frame, kinds[b.link]) for b, shape in solids)
 
 
 def trace(problem: Problem, X: Array) -> Array:
