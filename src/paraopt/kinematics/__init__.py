@@ -17,6 +17,8 @@ from paraopt.kinematics.singularity import FreeMotion, Singularity, SingularityR
 from paraopt.kinematics.solution import Solution
 from paraopt.kinematics.solve import ClosureSolution, SolveOptions, Status
 from paraopt.kinematics.state import Condition, StateReport, report_state
+from paraopt.kinematics.tracked import Tracked, TrackStatus, TrackStep
+from paraopt.kinematics.tracking import Twist, VelocityTracker, track
 from paraopt.kinematics.working_modes import LegPostures, WorkingModeOptions, WorkingModes
 
 __all__ = [
@@ -52,7 +54,12 @@ __all__ = [
     "StateReport",
     "Status",
     "StopReason",
+    "TrackStatus",
+    "TrackStep",
+    "Tracked",
+    "Twist",
     "VelocityModel",
+    "VelocityTracker",
     "WorkingModeOptions",
     "WorkingModes",
     "compute_rank",
@@ -68,4 +75,5 @@ __all__ = [
     "report_singularities",
     "report_state",
     "sample_configurations",
+    "track",
 ]
