@@ -19,16 +19,24 @@ from paraopt.mechanism.joints import Range
 from paraopt.mechanism.links import as_point
 from paraopt.shapes import Shape, check_solids
 
+PLATFORM_LIMITS = ("linear_velocity", "angular_velocity", "linear_acceleration", "angular_acceleration")
+
 
 @dataclass(frozen=True)
 class Limits:
-    """Bound the motion, by name of variable.
+    """Bound the motion, by name of variable, active or not, and that of the platform as a whole.
+
+    The tool point is that of `Robot.tool`, or the origin of the link that carries the operational variables.
 
     Attributes:
         position: Lowest and highest value [m or rad]; narrows the ranges of the joints.
         velocity: Largest speed [m/s or rad/s].
         acceleration: Largest acceleration [m/s^2 or rad/s^2].
         jerk: Largest jerk [m/s^3 or rad/s^3].
+        linear_velocity: Largest speed of the tool point [m/s], no bound when None.
+        angular_velocity: Largest angular speed of the link that carries it [rad/s].
+        linear_acceleration: Largest acceleration of the tool point [m/s^2].
+        angular_acceleration: Largest angular acceleration of its link [rad/s^2].
 
     Raises:
         DefinitionError: A bound is not a finite number above zero, or a range is empty.
@@ -38,8 +46,20 @@ class Limits:
     velocity: Mapping[str, float] = field(default_factory=dict)
     acceleration: Mapping[str, float] = field(default_factory=dict)
     jerk: Mapping[str, float] = field(default_factory=dict)
+    linear_velocity: float | None = None
+    angular_velocity: float | None = None
+    linear_acceleration: float | None = None
+    angular_acceleration: float | None = None
 
     def __post_init__(self) -> None:
+        for quantity in PLATFORM_LIMITS:
+            value = getattr(self, quantity)
+            if value is not None and not (_is_finite(value) and value > 0):
+                raise DefinitionError(
+                    f"{quantity} limit of the platform is {value!r}; it must be finite and above 0, or None",
+                    limits=self,
+                )
+            object.__setattr__(self, quantity, None if value is None else float(value))
         for quantity in ("velocity", "acceleration", "jerk"):
             values = _as_mapping(getattr(self, quantity), f"{quantity} limits")
             for name, value in values.items():
@@ -106,6 +126,11 @@ class Limits:
         """Give the bounds of one quantity for several variables; inf where nothing is stated."""
         values: Mapping[str, float] = getattr(self, quantity)
         return np.array([values.get(name, np.inf) for name in names])
+
+    def platform(self) -> NDArray[np.float64]:
+        """Give the bounds of the platform, in the order of `PLATFORM_LIMITS`; inf where none is stated, shape (4,)."""
+        values = [getattr(self, quantity) for quantity in PLATFORM_LIMITS]
+        return np.array([np.inf if value is None else value for value in values])
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,7 @@ from paraopt.mechanism import (
     Weld,
 )
 from paraopt.mechanism.links import FREE_COORDINATES
-from paraopt.robot import Limits, Robot
+from paraopt.robot import PLATFORM_LIMITS, Limits, Robot
 from paraopt.shapes import Box, Capsule, Cylinder, Sphere
 from paraopt.spatial import AXES, segment_pose, transform
 
@@ -293,7 +293,11 @@ def _read_pair(value: Any, place: Place, what: str, codecs: Mapping[str, Codec])
 
 LIMITS = Record(
     Limits,
-    {"position": ByVariable(RANGE_BY_KIND), **{k: ByVariable(BY_KIND) for k in ("velocity", "acceleration", "jerk")}},
+    {
+        "position": ByVariable(RANGE_BY_KIND),
+        **{k: ByVariable(BY_KIND) for k in ("velocity", "acceleration", "jerk")},
+        **{k: Number("length" if k.startswith("linear") else "angle") for k in PLATFORM_LIMITS},
+    },
 )
 MECHANISM = Record(
     Mechanism,
