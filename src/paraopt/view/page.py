@@ -13,6 +13,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -23,10 +24,11 @@ from scipy.spatial.transform import Rotation
 
 from paraopt.errors import DefinitionError, unknown_name
 from paraopt.io.files import write_atomically
-from paraopt.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from paraopt.shapes import Box, Capsule, Cone, ConvexPolyhedron, Cylinder, HalfSpace, Mesh, Shape, Sphere, name_kinds
 from paraopt.spatial import AXES
 from paraopt.view import style
 from paraopt.view.content import Body, PathLine, Readout, finite_array, increasing_times
+from paraopt.view.space import cut_half_space
 
 MODULES: Mapping[str, str] = {
     "three": "three/three.module.min.js",
@@ -110,6 +112,7 @@ def build_page(
     X_WF = _check_poses(poses, len(instants), pose_tolerance)
     _check_frames(bodies, X_WF.shape[1])
     _check_readouts(readouts, len(instants))
+    bodies = _cut_half_spaces(bodies, X_WF)
     used = sorted({int(body.frame) for body in bodies if body.frame >= 0})
     data = {
         "up": up,
@@ -217,11 +220,33 @@ def _describe(shape: Shape, name: str) -> dict[str, Any]:
             return {"type": "box", "size": np.asarray(shape.size).tolist()}
         case Sphere():
             return {"type": "sphere", "radius": shape.radius}
-        case Cylinder() | Capsule():
+        case Cylinder() | Capsule() | Cone():
             return {"type": type(shape).__name__.lower(), "radius": shape.radius, "length": shape.length}
-    raise DefinitionError(
-        f"shape of body {name!r} is a {type(shape).__name__}; a page draws Box, Sphere, Cylinder and Capsule"
-    )
+        case ConvexPolyhedron():
+            return _describe_triangles(shape.hull.vertices, shape.hull.triangles)
+        case Mesh():
+            return _describe_triangles(np.asarray(shape.vertices), np.asarray(shape.triangles))
+    raise DefinitionError(f"shape of body {name!r} is a {type(shape).__name__}; a page draws {name_kinds()}")
+
+
+def _describe_triangles(vertices: NDArray[np.float64], triangles: NDArray[np.intp]) -> dict[str, Any]:
+    return {"type": "mesh", "vertices": _encode(vertices), "triangles": triangles.ravel().tolist()}
+
+
+def _cut_half_spaces(bodies: Sequence[Body], X_WF: NDArray[np.float64]) -> list[Body]:
+    """Draw of half-spaces a plate, some times as large as all the rest, below what moves."""
+    rest = [body for body in bodies if not isinstance(body.shape, HalfSpace)]
+    centres = [(X_WF[0, b.frame] if b.frame >= 0 else np.eye(4)) @ b.shape.pose[:, 3] for b in rest]
+    cloud = np.array(centres).reshape(-1, 4)[:, :3] if rest else np.zeros((1, 3))
+    reach = max((body.shape.bounding_radius for body in rest), default=1.0)
+    extent = 4.0 * (float(np.max(np.ptp(cloud, axis=0))) + 2.0 * reach)
+    about = 0.5 * (cloud.min(axis=0) + cloud.max(axis=0))
+
+    def cut(body: Body, solid: HalfSpace) -> Body:
+        X = X_WF[0, body.frame] if body.frame >= 0 else np.eye(4)
+        return replace(body, shape=cut_half_space(solid, X[:3, :3].T @ (about - X[:3, 3]), extent))
+
+    return [cut(body, body.shape) if isinstance(body.shape, HalfSpace) else body for body in bodies]
 
 
 def _encode(values: NDArray[np.float64]) -> str:

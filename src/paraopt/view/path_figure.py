@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +11,13 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from paraopt.errors import DefinitionError
-from paraopt.shapes import Shape
+from paraopt.shapes import HalfSpace, Shape
 from paraopt.spatial import finite_vector
 from paraopt.view import style
 from paraopt.view.canvas import axis_label, display_scale, in_house_style, new_figure
 from paraopt.view.content import PathLine
-from paraopt.view.space import dress_space, sample_surface
+from paraopt.view.render import list_faces
+from paraopt.view.space import dress_space, fill_half_space, sample_surfaces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +61,11 @@ def draw_path(
     clouds = [line.points for line in paths] + [point[None, :] for point in ends.values()]
     if not clouds:
         raise DefinitionError("paths is empty and there is neither start nor goal: nothing to draw")
-    low, high = _choose_limits(np.vstack(clouds), [sample_surface(solid) for solid in obstacles], surroundings)
+    finite = [solid for solid in obstacles if not isinstance(solid, HalfSpace)]
+    surfaces = [sample_surfaces(solid) for solid in finite]
+    low, high = _choose_limits(np.vstack(clouds), list(itertools.chain(*surfaces)), surroundings)
+    planes = [fill_half_space(solid, low, high) for solid in obstacles if isinstance(solid, HalfSpace)]
+    surfaces += [sample_surfaces(solid) for solid in planes if solid is not None]
     factor, unit = display_scale("m", low, high)
     low, high = factor * low, factor * high
 
@@ -73,16 +79,15 @@ def draw_path(
     space: Any = figure.add_subplot(grid[:, 0], projection="3d")
     above, front = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
 
-    near = 0
-    for solid in obstacles:
-        surface = factor * sample_surface(solid)
-        if np.any(surface.min(axis=(0, 1)) >= high) or np.any(surface.max(axis=(0, 1)) <= low):
-            continue
-        near += 1
-        x, y, z = np.moveaxis(np.clip(surface, low, high), -1, 0)
-        space.plot_surface(x, y, z, color=OBSTACLE, alpha=0.28, linewidth=0, rstride=1, cstride=1, shade=True)
-        for axes, (i, j) in ((above, (0, 1)), (front, (0, 2))):
-            _draw_silhouette(axes, surface.reshape(-1, 3)[:, [i, j]])
+    shown = 0
+    for parts in surfaces:
+        visible = [factor * part for part in parts]
+        visible = [s for s in visible if np.all(s.min(axis=(0, 1)) < high) and np.all(s.max(axis=(0, 1)) > low)]
+        shown += bool(visible)
+        for surface in visible:
+            _draw_solid(space, np.clip(surface, low, high))
+            for axes, (i, j) in ((above, (0, 1)), (front, (0, 2))):
+                _draw_silhouette(axes, surface.reshape(-1, 3)[:, [i, j]])
     for index, line in enumerate(paths):
         points = factor * line.points
         look: dict[str, Any] = {
@@ -113,13 +118,25 @@ def draw_path(
         axes.set(xlabel=axis_label("xyz"[i], unit), ylabel=axis_label("xyz"[j], unit))
     dress_space(space, low, high, unit)
     handles, labels = space.get_legend_handles_labels()
-    if near:
+    if shown:
         from matplotlib.patches import Patch
 
         handles.append(Patch(facecolor=OBSTACLE, alpha=0.3, edgecolor=OBSTACLE))
-        labels.append("obstacle" if near == 1 else "obstacles")
+        labels.append("obstacle" if shown == 1 else "obstacles")
     figure.legend(handles, labels, loc="outside lower left", ncols=min(len(labels), 6))
     return figure
+
+
+def _draw_solid(space: Any, surface: NDArray[np.float64]) -> None:
+    """Draw the faces of a convex solid; those that clipping made flat are left out."""
+    from matplotlib.colors import LightSource, to_rgb
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    corners, normals = list_faces(surface)
+    if len(corners):
+        bright = 0.65 + 0.35 * np.clip(normals @ LightSource(225.0, 20.0).direction, 0.0, 1.0)
+        colors = bright[:, None] * np.array(to_rgb(OBSTACLE))
+        space.add_collection3d(Poly3DCollection(corners, facecolors=colors, linewidths=0, alpha=0.28), autolim=False)
 
 
 def _draw_silhouette(axes: Axes, points: NDArray[np.float64]) -> None:

@@ -21,7 +21,7 @@ from paraopt.view import style
 from paraopt.view.canvas import axis_label, display_scale, in_house_style, new_figure, save_figure
 from paraopt.view.graph_content import count
 from paraopt.view.render import Camera, Solid, render
-from paraopt.view.space import dress_space, list_link_kinds, sample_surface
+from paraopt.view.space import dress_space, list_link_kinds, sample_surface, sample_surfaces
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -117,7 +117,8 @@ def list_pieces(robot: Robot, configuration: Configuration) -> list[Piece]:
     for link in robot.mechanism.links:
         X_WL = poses[link.name]
         for solid in robot.shapes.get(link.name, ()):
-            pieces.append(Piece(kinds[link.name], _move(X_WL, sample_surface(solid, n_around=48))))
+            surfaces = sample_surfaces(solid, np.zeros(3), 3.0 * robot.mechanism.length)
+            pieces += [Piece(kinds[link.name], _move(X_WL, surface)) for surface in surfaces]
         driven = kinds[link.name] in ("actuator", "platform", "base")
         lines = [] if robot.shapes.get(link.name) else [_move(X_WL, k) for k in _list_lines(robot.mechanism, link.name)]
         # a stroke is drawn even where there are solids: tubes that do not reach each other must not look cut off

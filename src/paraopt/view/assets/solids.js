@@ -11,12 +11,29 @@ function buildGeometry(shape) {
       return new THREE.SphereGeometry(shape.radius, 48, 32);
     case "cylinder":
       return new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, 48).rotateX(Math.PI / 2);
+    case "cone":
+      return new THREE.ConeGeometry(shape.radius, shape.length, 48).rotateX(Math.PI / 2);
+    case "mesh":
+      return buildTriangles(decode(shape.vertices), shape.triangles);
     case "capsule":
       return new THREE.CapsuleGeometry(shape.radius, shape.length, 12, 32).rotateX(Math.PI / 2);
     default:
       throw new Error(`The page does not know the shape "${shape.type}".`);
   }
 }
+
+/** Triangles with flat faces: each has its own corners, so that edges stay sharp. */
+function buildTriangles(vertices, triangles) {
+  const positions = new Float32Array(3 * triangles.length);
+  triangles.forEach((corner, i) => positions.set(vertices.slice(3 * corner, 3 * corner + 3), 3 * i));
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+/** Shapes whose sharp edges are drawn. */
+const EDGED = new Set(["box", "cylinder", "cone", "mesh"]);
 
 /** Mesh of a body, placed in its frame, with its sharp edges drawn. Obstacles let what is behind them shine through. */
 export function buildBody(body, color) {
@@ -36,7 +53,7 @@ export function buildBody(body, color) {
   mesh.castShadow = true;
   mesh.receiveShadow = !translucent;
   mesh.renderOrder = translucent ? 1 : 0;
-  if (body.shape.type === "box" || body.shape.type === "cylinder") {
+  if (EDGED.has(body.shape.type)) {
     const edges = new THREE.LineSegments(
       new THREE.EdgesGeometry(geometry, 40),
       new THREE.LineBasicMaterial({ color: new THREE.Color(color).multiplyScalar(0.35), transparent: true, opacity: 0.45 }),
