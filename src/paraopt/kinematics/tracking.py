@@ -170,6 +170,7 @@ class VelocityTracker:
         Raises:
             DefinitionError: A number is not finite.
             UnknownNameError: A name does not exist.
+            BackendError: The solver failed in another way than finding no answer.
         """
         stepper = _Stepper(self, kinematics, configuration, period)
         reader = stepper.read(command)
@@ -205,6 +206,7 @@ def track(
     Raises:
         DefinitionError: A number is not finite, or shapes do not agree.
         UnknownNameError: A name does not exist.
+        BackendError: The solver failed in another way than finding no answer.
     """
     stepper = _Stepper(tracker or VelocityTracker(), kinematics, start, period)
     reader = stepper.read(commands, positions)

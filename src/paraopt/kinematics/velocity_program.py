@@ -20,7 +20,8 @@ _SETTINGS: dict[str, dict[str, Any]] = {
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 20000, "polishing": True, "check_termination": 10},
     "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9},
     "proxqp": {"eps_abs": 1e-10},
-    "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-10},
+    "piqp": {"eps_abs": 1e-10, "eps_rel": 1e-10, "eps_duality_gap_abs": 1e-10, "eps_duality_gap_rel": 1e-10},
+    "clarabel": {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11},
     "ecos": {"abstol": 1e-10, "reltol": 1e-10},
 }
 
@@ -103,9 +104,13 @@ class Program:
 
     def sharpen(self, c: Array) -> Answer:
         """Make an approximate answer exact, by holding the rows that push at it."""
-        held = self._find_held(c)
-        exact = self._hold(held)
-        return Answer(c if exact is None else exact, held)
+        held = np.arange(0)
+        for width in (1e-3, 1e-4, 1e-5):  # interior methods stay away from the bounds that push
+            held = self._find_held(c, width)
+            exact = self._hold(held)
+            if exact is not None:
+                return Answer(exact, held)
+        return Answer(c, held)
 
     def _ask(self, solver: str, unit: float) -> Array | None:
         """Ask a solver; velocities are divided by a unit, so that its tolerances mean the same for all speeds."""
@@ -149,13 +154,13 @@ class Program:
             return None
         return np.asarray(c)
 
-    def _find_held(self, c: Array) -> NDArray[np.intp]:
+    def _find_held(self, c: Array, width: float) -> NDArray[np.intp]:
         """Find the rows whose bounds push at an answer: they carry the multipliers that balance the slope."""
         slope = self.P @ c - self.p
         size = float(np.linalg.norm(slope))
         unit = max(float(np.linalg.norm(c)), float(np.linalg.norm(self.p)), 1e-12)
         value, norms = self.R @ c, np.maximum(np.linalg.norm(self.R, axis=1), 1e-12)
-        near = 1e-5 * unit * norms + 1e-9
+        near = width * unit * norms + 1e-9
         at_high, at_low = np.flatnonzero(self.high - value <= near), np.flatnonzero(value - self.low <= near)
         held = np.concatenate([at_high + 1, -at_low - 1])
         if not held.size or size <= 1e-9 * unit:
