@@ -331,3 +331,8 @@ def test_the_estimate_by_hand() -> None:
 def test_options_are_checked(wrong: dict[str, float]) -> None:
     with pytest.raises(po.DefinitionError, match=next(iter(wrong))):
         po.SearchOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_any_size_of_batch_is_allowed() -> None:
+    options = po.WorkingModeOptions(search=po.SearchOptions(batch=100))
+    assert five_bar_robot().kinematics.working_modes({"x": 6.0, "y": 7.0}, options=options).count == 4

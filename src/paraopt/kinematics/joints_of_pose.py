@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from paraopt.kinematics.legs import find_legs
 from paraopt.kinematics.model import Kinematics
@@ -44,6 +43,7 @@ def close_legs(
     """
     mechanism = kinematics.mechanism
     n = len(X)
+    random = np.random.default_rng(options.seed)
     # a pose may be far away, and a leg is small: long steps do no harm
     far = replace(options, step_limit=max(options.step_limit, 30.0))
     X = turn_towards(kinematics, X, target)
@@ -54,7 +54,7 @@ def close_legs(
         free = np.zeros(X.shape[1])
         free[columns] = 1.0
         a, b = bound_starts(mechanism, X[0], columns)
-        starts = a + (b - a) * qmc.Sobol(len(columns), rng=np.random.default_rng(options.seed)).random(tries)
+        starts = a + (b - a) * random.random((tries, len(columns)))
         starts[0] = target[columns]
         rows = np.repeat(X, tries, axis=0)
         rows[:, columns] = np.tile(starts, (n, 1))

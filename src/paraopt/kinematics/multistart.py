@@ -186,6 +186,8 @@ def search_solutions(
     free[solved] = 1.0
     low, high = bound_starts(kinematics.mechanism, X, solved)
     sampler = qmc.Sobol(len(solved), rng=np.random.default_rng(options.seed)) if len(solved) else None
+    if sampler is not None:
+        sampler.fast_forward(1)  # the size of a batch need not be a power of two then
     found = _Found(kinematics, X, reader, options)
     starts, batch, best = 0, options.batch, np.inf
     while starts < options.max_starts:

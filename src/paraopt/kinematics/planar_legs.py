@@ -18,7 +18,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.kinematics.legs import find_legs
 from paraopt.kinematics.model import Kinematics
 from paraopt.mechanism import Base, Coincidence, Mechanism, Mobile, Series, Weld
 
@@ -137,7 +136,7 @@ def read_planar_legs(kinematics: Kinematics, X: Array) -> PlanarProblem | None:
         return None
     if len({m.axis for m in platform.motions if m.kind == "length"}) != 2:
         return None
-    legs = find_legs(kinematics.graph)
+    legs = kinematics.legs
     if len(legs) != 2 + turns or len(mechanism.constraints) != len(legs):
         return None
     found = [_read_leg(mechanism, constraint, platform, X) for constraint in mechanism.constraints]
@@ -355,11 +354,15 @@ def _polish(problem: PlanarProblem, poses: Array, iterations: int = 40) -> tuple
     scale = np.array([problem.unit, problem.unit, 1.0])
     unknowns = 2 + problem.turns
     best, best_residual = poses.copy(), np.full(len(poses), np.inf)
+    idle = 0
     for _ in range(iterations):
         F, J = problem.residual(poses)
         size = np.max(np.abs(F), axis=1)
         better = size < best_residual
         best[better], best_residual[better] = poses[better], size[better]
+        idle = 0 if np.any(better & (size > 1e-14)) else idle + 1
+        if idle == 3:  # all are at round-off, or lead nowhere
+            break
         step = (np.linalg.pinv(J[:, :, :unknowns], rcond=1e-9) @ F[:, :, None])[:, :, 0]
         step *= np.minimum(1.0, 0.5 / np.maximum(np.max(np.abs(step), axis=1, keepdims=True), 1e-300))
         poses[:, :unknowns] -= scale[:unknowns] * step
