@@ -183,6 +183,76 @@ def test_the_escape_leads_out_of_a_singularity_and_across() -> None:
         assert abs(distance) < 1e-3 * report.parallel.rate * 1.01
 
 
+@pytest.mark.parametrize("which", ["parallel", "serial", "constraint"])
+@pytest.mark.parametrize("name", ["hexa", "hayward_wrist", "three_upu", "lee", "gosselin_wrist", "delta"])
+def test_escapes_from_symmetric_poses_grow_as_stated(name: str, which: str) -> None:
+    """Several singular values agree there: the smallest of them must grow, whichever it is after the step."""
+    robot = getattr(po.robots, name)()
+    kinematics, start = robot.kinematics, robot.home_configuration
+    here = getattr(po.report_singularities(kinematics, start), which)
+    if here.escape is None:
+        assert here.rate == 0
+        return
+    size = 1e-4
+    there = po.report_singularities(kinematics, step_along(kinematics, start, here.escape, size))
+    growth = (abs(getattr(there, which).distance) - abs(here.distance)) / size
+    # a one-sided difference: curvature of order 1 times the step, and round-off of the distances over it
+    assert growth == pytest.approx(here.rate, rel=1e-2, abs=2e-5)
+
+
+def both_legs_straight() -> dict[str, float]:
+    """Stretch both legs of the five-bar to 13: two serial singularities at once."""
+    tip = np.array([4.5, np.sqrt(169 - 4.5**2)])
+    first, second = np.arctan2(tip[1], tip[0]), np.arctan2(tip[1], tip[0] - 9)
+    return {"theta1": first, "theta2": second, "theta3": 0.0, "theta4": 0.0, "x": tip[0], "y": tip[1]}
+
+
+def test_the_escape_leads_out_of_two_singularities_at_once() -> None:
+    kinematics = five_bar_robot().kinematics
+    start = closed(kinematics, both_legs_straight())
+    report = po.report_singularities(kinematics, start)
+    assert report.kind == "serial ('theta1', 'theta2')"
+    escape, rate = report.serial.escape, report.serial.rate
+    assert escape is not None
+
+    def leave(motion: po.kinematics.FreeMotion) -> float:
+        there = step_along(kinematics, start, motion, 1e-4)
+        return abs(po.report_singularities(kinematics, there).serial.distance) / 1e-4
+
+    assert leave(escape) == pytest.approx(rate, rel=1e-3)
+    # both legs must bend, and no other motion bends the worse one faster
+    V = po.kinematics.null_space(kinematics.functions.scaled_jacobian(start.X)[0])
+    names, scale = kinematics.mechanism.names, kinematics.graph.variable_scale
+    others = [V @ (np.cos(t), np.sin(t)) * scale for t in np.linspace(0, np.pi, 24, endpoint=False)]
+    rates = [leave(po.kinematics.FreeMotion(dict(zip(names, v, strict=True)), np.zeros(6), ())) for v in others]
+    assert max(rates) < rate * 1.001
+    assert min(rates) < 0.2 * rate
+
+
+def test_where_closures_are_lost_the_drives_hold_nothing() -> None:
+    """All bars in one line: parallel, serial and of the constraints, and out by one of the branches that meet there."""
+    robot = po.robots.five_bar(base=2, proximal=(5, 5), distal=(5, 3), tip=(3, 7))
+    kinematics = robot.kinematics
+    flat = kinematics.configuration([0.0, 0.0, 0.0, 0.0, 10.0, 0.0])
+    report = po.report_singularities(kinematics, flat)
+    assert report.kind == "parallel and serial ('theta1', 'theta2') and of the constraints"
+    assert report.architectural == ()
+    free = report.parallel.motion
+    assert_allclose([free.velocities["theta1"], free.velocities["theta2"]], 0, atol=1e-9)
+    assert abs(free.velocities["y"]) > 0.1
+    assert report.parallel.escape is None
+    escape = report.constraint.escape
+    assert escape is not None
+    there = step_along(kinematics, flat, escape, 1e-4)
+    assert abs(po.report_singularities(kinematics, there).constraint.distance) / 1e-4 == pytest.approx(
+        report.constraint.rate, rel=1e-3
+    )
+    # the motion exists: closing the loops again moves nothing at first order
+    moved = (there.X - flat.X) / 1e-4 / kinematics.graph.variable_scale
+    stated = np.array([escape.velocities[n] for n in kinematics.mechanism.names]) / kinematics.graph.variable_scale
+    assert_allclose(moved, stated, atol=1e-3)
+
+
 # --- 3-RPR
 
 

@@ -29,6 +29,9 @@ def test_raf_is_as_printed() -> None:
         assert ranks(report) == {"E": 26, "M": 3, "N": 23, "K": 3, "[N K]": 26, "[M N]": 26}
         assert (report.mobility, report.useful_mobility, report.redundant_rows) == (6, 3, 7)
         assert report.idle == ("jack 1.z", "jack 2.z", "jack 3.z")
+        E = robot.kinematics.functions.scaled_jacobian(configuration.X)[0]
+        assert len(report.independent_rows) == 26
+        assert np.linalg.svd(E[report.independent_rows], compute_uv=False)[-1] > 1e-3
         # the rank is no matter of the tolerance: singular values above 1e-3, then below 1e-14
         assert all(rank.gap > 1e8 for rank in report.ranks.values())
         assert report.parallel_margin > 0.1
@@ -473,3 +476,75 @@ def test_units_change_nothing(robot: object) -> None:
     # signs belong to the choice of rows, which equal pivots may decide in either way
     for name in ("parallel_determinant", "serial_determinant"):
         assert abs(getattr(millimetres, name)) == pytest.approx(abs(getattr(metres, name)), rel=1e-9)
+
+
+def test_a_rank_near_its_cut_is_doubtful() -> None:
+    """Almost singular on purpose: the first leg of the five-bar stretched but for a small angle."""
+    assert not compute_rank(np.diag([5.0, 1.0, 1e-2])).is_doubtful
+    assert compute_rank(np.diag([5.0, 1.0, 1e-7])).is_doubtful  # counts, barely
+    assert compute_rank(np.diag([5.0, 1.0, 1e-9])).is_doubtful  # does not, barely
+    assert not compute_rank(np.diag([5.0, 1.0, 1e-15])).is_doubtful
+    kinematics = five_bar_robot().kinematics
+    for bend, doubtful in ((1e-2, False), (1e-7, True), (1e-9, True), (0.0, False)):
+        start = {"theta1": 1.0, "theta3": bend, "theta2": 0.6, "theta4": 1.9, "x": 7.0, "y": 10.9}
+        cfg = kinematics.solve({"theta1": 1.0, "theta3": bend}, start).configuration
+        report = po.report_state(kinematics, cfg)
+        assert report.is_doubtful is doubtful, bend
+        assert ("doubtful ranks: [M N] (" in str(report)) is doubtful
+
+
+def test_conditions_compare_with_the_right_numbers() -> None:
+    """Four drives for three freedoms (Hayward's wrist), one for two operational variables, and one drive too many."""
+
+    def sides(report: po.StateReport) -> dict[str, tuple[int, int, bool]]:
+        return {c.name: (c.left, c.right, c.holds) for c in report.conditions}
+
+    wrist = po.robots.hayward_wrist()
+    found = sides(po.report_state(wrist.kinematics, wrist.home_configuration))
+    assert found["II.22"] == (3, 4, False)  # m = 3, a = 4
+    assert found["II.24"] == (4, 4, False)
+    assert found["II.25"] == (4, 3, False)  # r = 3, not a
+    assert found["II.26"] == (11, 11, True)
+    robot = five_bar_robot()
+    found = sides(po.report_state(robot.kinematics, robot.home_configuration))
+    assert found["II.22"] == (2, 2, True)  # as many drives as freedoms is enough
+    weak = po.Kinematics(dataclasses.replace(robot.mechanism, active=("theta1",)), "virtual machine")
+    report = po.report_state(weak, weak.configuration(to_order(robot, weak)))
+    assert report.is_under_actuated
+    found = sides(report)
+    assert found["II.24"] == (1, 1, False)
+    assert found["II.25"] == (1, 2, True)  # r = 2, though a = 1 drive moves
+    # an end point whose angle enters no equation: r = 3 although rg(K) = 2
+    turning = [dataclasses.replace(k, coordinates=None) if k.name == "tip" else k for k in robot.mechanism.links]
+    loose = po.Kinematics(
+        dataclasses.replace(robot.mechanism, links=turning, operational=("x", "y", "theta")), "virtual machine"
+    )
+    found = sides(po.report_state(loose, loose.configuration([*robot.home_configuration.X, 0.0])))
+    assert found["II.23"] == (2, 3, False)
+    assert found["II.26"] == (4, 5, False)
+
+
+def to_order(robot: po.Robot, kinematics: po.Kinematics) -> list[float]:
+    return [robot.home_configuration[name] for name in kinematics.mechanism.names]
+
+
+def test_words_are_of_the_machine_and_not_of_a_singular_pose() -> None:
+    """All bars of a five-bar in one line: one closure less and one motion more, but the machine has the same drives."""
+    robot = po.robots.five_bar(base=2, proximal=(5, 5), distal=(5, 3), tip=(3, 7))
+    flat = robot.kinematics.configuration([0.0, 0.0, 0.0, 0.0, 10.0, 0.0])
+    report = po.report_state(robot.kinematics, flat)
+    assert (report.mobility, report.redundant_rows, report.over_constraint) == (3, 1, 0)
+    assert report.kind == "as many drives as freedoms"
+    assert "singular: E has 3 of 4" in str(report)
+
+
+def test_two_drives_for_three_freedoms_are_too_few() -> None:
+    """Of a 3-RPR only x and y are the task: the drives move as many variables, yet one freedom is theirs no more."""
+    whole = po.robots.three_rpr()
+    mechanism = dataclasses.replace(whole.mechanism, active=("rho1", "rho2"), operational=("x", "y"))
+    kinematics = po.Kinematics(mechanism, "virtual machine")
+    cfg = kinematics.configuration([whole.home_configuration[name] for name in mechanism.names])
+    report = po.report_state(kinematics, cfg)
+    assert (report.useful_mobility, report.condition("II.25").holds) == (3, False)
+    assert report.is_under_actuated
+    assert "under-actuated" in report.kind

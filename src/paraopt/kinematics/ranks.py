@@ -19,14 +19,16 @@ class Rank:
     """Hold a numerical rank.
 
     Attributes:
-        value: Number of singular values above the tolerance.
+        value: Number of singular values above the cut.
         smallest_kept: Smallest singular value that counts [1].
         largest_dropped: Largest singular value that does not count [1].
+        cut: Where the line between them is drawn [1].
     """
 
     value: int
     smallest_kept: float
     largest_dropped: float
+    cut: float
 
     @property
     def gap(self) -> float:
@@ -35,8 +37,8 @@ class Rank:
 
     @property
     def is_doubtful(self) -> bool:
-        """Tell whether the rank hangs on the tolerance: values on both sides of the cut within a factor of 1000."""
-        return self.value > 0 and self.gap < 1e3
+        """Tell whether the rank hangs on where the cut is drawn: a singular value is within a factor of 100 of it."""
+        return (self.value > 0 and self.smallest_kept < 100.0 * self.cut) or self.largest_dropped > 0.01 * self.cut
 
 
 def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE, whole: Array | None = None) -> Rank:
@@ -49,10 +51,10 @@ def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE, whole: Array 
             nothing but round-off then count as zero. The matrix itself when None.
 
     Returns:
-        The rank with the values on both sides of the cut.
+        The rank with the cut and the values on both sides of it.
     """
     if matrix.size == 0:
-        return Rank(0, 0.0, 0.0)
+        return Rank(0, 0.0, 0.0, 0.0)
     values = _singular_values(matrix)
     if whole is None:
         largest = values[0]
@@ -60,8 +62,10 @@ def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE, whole: Array 
         largest = values[0]  # all values count: what sums up all of the whole one's is no smaller than its largest
     else:
         largest = np.linalg.norm(whole, 2)
-    count = int(np.count_nonzero(values > tolerance * max(largest, 1e-300)))
-    return Rank(count, float(values[count - 1]) if count else 0.0, float(values[count]) if count < len(values) else 0.0)
+    cut = tolerance * max(float(largest), 1e-300)
+    count = int(np.count_nonzero(values > cut))
+    kept, dropped = values[:count], values[count:]
+    return Rank(count, float(kept[-1]) if count else 0.0, float(dropped[0]) if dropped.size else 0.0, cut)
 
 
 def _singular_values(matrix: Array) -> Array:

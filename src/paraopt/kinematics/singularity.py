@@ -6,12 +6,16 @@ of V an orthonormal basis of the motions that the closures allow (`MotionSpace`)
 * parallel: of the active rows of V; at zero some motion needs no drive;
 * serial: of the operational rows of V; at zero some drive moves while the platform rests;
 * serial of one leg: of the leg's block of [M N];
-* of the constraints: of E itself; at zero the closures allow one motion more than elsewhere.
+* of the constraints: of E itself; at zero the closures allow more motions than elsewhere.
+
+Where the constraints lose rank, distances of the other kinds jump: with the drives blocked at least one of the motions
+that are more is free, so that the configuration is singular for them as well, and the way out is that of the
+constraints.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +23,7 @@ from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError
 from paraopt.kinematics.configuration import Configuration
+from paraopt.kinematics.escape import find_agreeing, find_fastest, find_fastest_on_branches
 from paraopt.kinematics.legs import Leg
 from paraopt.kinematics.margins import Determinants
 from paraopt.kinematics.model import Kinematics
@@ -53,9 +58,12 @@ class Singularity:
         distance: Scaled singular value [1], with the sign of the determinant where the matrix is square; it is zero at
             the singularity and changes its sign across.
         motion: What becomes free at zero: with the drives at rest (parallel), with the platform at rest (serial), or
-            the one motion more (constraint).
-        escape: Motion along which |distance| grows fastest, None where it grows along none at first order.
-        rate: Growth of |distance| along it, per characteristic length or radian of scaled motion.
+            a motion that the closures forbid elsewhere (constraint). At a singularity from which an escape leads, it is
+            the motion that is lost along the escape.
+        escape: Motion along which |distance| grows fastest. None where it grows along none at first order, as at a
+            best place and at crossings where only higher orders decide; for other kinds than "constraint" also where
+            the constraints lose rank.
+        rate: Growth of |distance| along it, per characteristic length or radian of scaled motion; zero without escape.
         is_singular: Whether |distance| is below the tolerance.
     """
 
@@ -175,23 +183,31 @@ class _Place:
         self.E = self.samples[0]
         self.motions = useful_motions(kinematics, self.E, general.internal)
         self.all_motions = null_space(self.E)
+        # more motions here than in general: what the closures have lost
+        self.lost = self.all_motions.shape[1] - (self.E.shape[1] - general.ranks["E"])
 
     def judge_motions(self, kind: str, names: Sequence[str], sign: float) -> tuple[Singularity, bool]:
         """Judge the rows of the basis of motions of some variables, and whether they are singular at every sample."""
         rows = self.kinematics.mechanism.indices(names)
         bases = [useful_motions(self.kinematics, E, self.general.internal) for E in self.samples]
         count = min(len(rows), *(V.shape[1] for V in bases))  # as many as can be independent
-        ranks = [_absolute_rank(V[rows]) for V in bases]
         if not self.motions.shape[1] or not count:
-            return self._conclude(kind, "", 1.0, np.zeros(len(self.X)), np.zeros(len(self.X))), False
-        u, sigma, w = _singular_triple(self.motions[rows], count)
-        motion = self.motions @ w
-        picked = np.zeros(len(self.X))
-        picked[rows] = u
-        # d(u^T V w) = multipliers . F''[., V w], because E dV = -dE V keeps V among the motions
-        multipliers = -np.linalg.pinv(self.E, rcond=RANK_TOLERANCE).T @ picked
-        signed = sigma * (sign if np.isfinite(sign) and sign != 0 else 1.0)
-        return self._conclude(kind, "", signed, motion, self._hessian(multipliers) @ motion), max(ranks) < count
+            return self._rest(kind), False
+        always = count > max(_absolute_rank(V[rows]) for V in bases if V.shape[1] + self.lost == self.motions.shape[1])
+        matrix, wanted = self.motions[rows], count + self.lost  # as many must be held as there are more
+        if wanted > min(matrix.shape):
+            free = self.motions @ np.linalg.svd(matrix, full_matrices=True)[2][-1]
+            return self._conclude(kind, "", 0.0, free), always
+        inverse = np.linalg.pinv(self.E, rcond=RANK_TOLERANCE)
+
+        def weigh(left: Array) -> Array:
+            # d(u^T V w) = weights . F''[., V w], because E dV = -dE V keeps V among the motions
+            picked = np.zeros(len(self.X))
+            picked[rows] = left
+            weights: Array = -inverse.T @ picked
+            return weights
+
+        return self._judge(kind, "", matrix, wanted, self.motions, weigh, sign), always
 
     def judge_leg(self, leg: Leg) -> Singularity:
         """Judge the block of one leg."""
@@ -199,30 +215,79 @@ class _Place:
         rows, columns = np.array(leg.rows), np.array(mechanism.indices(leg.variables))
         blocks = self.samples[:, rows][:, :, columns]
         count = max(compute_rank(b, whole=E).value for b, E in zip(blocks, self.samples, strict=True))
-        u, sigma, w = _singular_triple(blocks[0], count)
         sign = float(np.sign(np.linalg.det(blocks[0]))) if blocks.shape[1] == blocks.shape[2] else 1.0
-        motion, multipliers = np.zeros(len(self.X)), np.zeros(len(self.E))
-        motion[columns], multipliers[rows] = w, u
-        return self._conclude("serial", leg.name, sigma * (sign or 1.0), motion, self._hessian(multipliers) @ motion)
+        to_whole = np.eye(len(self.X))[:, columns]
+
+        def weigh(left: Array) -> Array:
+            weights = np.zeros(len(self.E))
+            weights[rows] = left
+            return weights
+
+        return self._judge("serial", leg.name, blocks[0], count, to_whole, weigh, sign)
 
     def judge_constraints(self) -> Singularity:
         """Judge E itself."""
         count = self.general.ranks["E"]
         if count == 0:
-            return self._conclude("constraint", "", 1.0, np.zeros(len(self.X)), np.zeros(len(self.X)))
-        u, sigma, w = _singular_triple(self.E, count)
-        return self._conclude("constraint", "", sigma, w, self._hessian(u) @ w)
+            return self._rest("constraint")
+        if not self.lost:
+            return self._judge("constraint", "", self.E, count, np.eye(len(self.X)), lambda left: left, 1.0)
+        V = self.all_motions
+        unreached = null_space(self.E.T)
+        terms = np.array([V.T @ self._hessian(u) @ V for u in unreached.T]).reshape(unreached.shape[1], -1)
+        # of what E does not reach, the part that second-order motions do: as a rule one for every rank that is lost
+        _, sizes, rows = np.linalg.svd(terms, full_matrices=False)
+        if self.lost > 1 or np.count_nonzero(sizes > 1e-8) != 1:
+            return self._conclude("constraint", "", 0.0, V[:, 0])
+        Q = (sizes[0] * rows[0]).reshape(V.shape[1], -1)
+        d, rate = find_fastest_on_branches(Q)
+        return self._conclude("constraint", "", 0.0, V @ _normalised(Q @ d) if rate > 0 else V[:, 0], V @ d, rate)
 
-    def _hessian(self, multipliers: Array) -> Array:
-        return self.kinematics.functions.closure_hessian(self.X, multipliers)[0]
+    def _judge(
+        self, kind: str, leg: str, matrix: Array, place: int, to_whole: Array, weigh: Callable[[Array], Array],
+        sign: float,
+    ) -> Singularity:  # fmt: skip
+        """Judge one singular value of a matrix.
 
-    def _conclude(self, kind: str, leg: str, distance: float, motion: Array, gradient: Array) -> Singularity:
-        """Turn a scaled motion and the derivative of |distance| into what a person can read."""
-        along = self.all_motions.T @ gradient
-        rate = float(np.linalg.norm(along))
-        escape = self._describe(self.all_motions @ (along / rate)) if rate > 1e-9 else None
+        Args:
+            kind: Kind of singularity.
+            leg: Name of the leg.
+            matrix: The matrix, shape (p, q).
+            place: Which singular value.
+            to_whole: Motions of the whole that the columns stand for, shape (n_variables, q).
+            weigh: Gives the weights of the equations with which `u^T dA w = weights . F''[., to_whole w]`.
+            sign: Sign of the distance; nan or zero count as plus.
+        """
+        if place == 0:
+            return self._rest(kind, leg)
+        agreeing = find_agreeing(matrix, place, self.tolerance)
+        value = float(np.linalg.svd(matrix, compute_uv=False)[place - 1])
+        signed = value * (sign if np.isfinite(sign) and sign != 0 else 1.0)
+        moved = to_whole @ agreeing.right
+        motion = to_whole @ np.linalg.svd(matrix, full_matrices=True)[2][place - 1]
+        if self.lost:
+            return self._conclude(kind, leg, signed, motion)
+        P = np.array([self.all_motions.T @ self._hessian(weigh(u)) @ moved for u in agreeing.left.T])
+        d, rate, w = find_fastest(P.transpose(1, 0, 2), agreeing)
+        if agreeing.is_zero and rate > 1e-8:
+            motion = moved @ w
+        return self._conclude(kind, leg, signed, motion, self.all_motions @ d, rate)
+
+    def _rest(self, kind: str, leg: str = "") -> Singularity:
+        """Conclude that nothing can be lost."""
+        return self._conclude(kind, leg, 1.0, np.zeros(len(self.X)))
+
+    def _hessian(self, weights: Array) -> Array:
+        return self.kinematics.functions.closure_hessian(self.X, weights)[0]
+
+    def _conclude(
+        self, kind: str, leg: str, distance: float, motion: Array, escape: Array | None = None, rate: float = 0.0
+    ) -> Singularity:
+        """Turn scaled motions into what a person can read."""
+        leads = escape is not None and rate > 1e-8
+        way = self._describe(escape) if escape is not None and leads else None
         singular = abs(distance) < self.tolerance
-        return Singularity(kind, leg, distance, self._describe(motion), escape, rate, singular)
+        return Singularity(kind, leg, distance, self._describe(motion), way, rate if leads else 0.0, singular)
 
     def _describe(self, motion: Array) -> FreeMotion:
         mechanism, scale = self.kinematics.mechanism, self.kinematics.graph.variable_scale
@@ -238,10 +303,8 @@ class _Place:
         return FreeMotion(dict(zip(mechanism.names, velocity.tolist(), strict=True)), twist, moving)
 
 
-def _singular_triple(matrix: Array, count: int) -> tuple[Array, float, Array]:
-    """Give the singular value number `count` of a matrix with its left and right vectors."""
-    U, values, Vt = np.linalg.svd(matrix, full_matrices=True)
-    return U[:, count - 1], float(values[count - 1]), Vt[count - 1]
+def _normalised(vector: Array) -> Array:
+    return vector / max(float(np.linalg.norm(vector)), 1e-300)
 
 
 def _absolute_rank(rows: Array) -> int:

@@ -56,7 +56,8 @@ class StateReport:
         mobility: Degrees of freedom `m = N - rg(E)`.
         internal_mobility: Motions of passive variables alone, as spins of legs, in general.
         idle: Names of the passive variables that take part in them.
-        redundant_rows: Number of equations beyond the rank of E: the machine is over-constrained where it is not zero.
+        redundant_rows: Number of equations beyond the rank of E here; over-constrained are machines that have some in
+            general, see `is_over_constrained`.
         independent_rows: Indices of a subset of equations that spans all of them.
         conditions: The conditions II.22 to II.27 of the source.
         parallel_margin: Distance to a parallel singularity in [0, 1]; see `MotionSpace`.
@@ -94,24 +95,35 @@ class StateReport:
         return self.mobility - self.internal_mobility
 
     @property
+    def over_constraint(self) -> int:
+        """Give the number of equations that repeat others in general, singular places not counted."""
+        return self.n_equations - self.general_ranks["E"]
+
+    @property
     def is_over_constrained(self) -> bool:
-        """Tell whether some equations repeat others; the machine moves only because its dimensions fit."""
-        return self.redundant_rows > 0
+        """Tell whether some equations repeat others in general; the machine moves only because its dimensions fit."""
+        return self.over_constraint > 0
 
     @property
     def is_redundant(self) -> bool:
-        """Tell whether drives can move while everything else rests (II.24)."""
-        return self.condition("II.24").holds
+        """Tell whether drives can in general move while everything else rests (II.24)."""
+        return self.general_ranks["M"] < len(self.variables["active"])
 
     @property
     def is_redundantly_actuated(self) -> bool:
         """Tell whether there are more drives than freedoms, so that drives can work against each other."""
-        return len(self.variables["active"]) > self.useful_mobility
+        return len(self.variables["active"]) > self._general_mobility
 
     @property
     def is_under_actuated(self) -> bool:
         """Tell whether the drives are fewer than the freedoms, or than the operational variables need (II.25)."""
-        return self.condition("II.25").holds or len(self.variables["active"]) < self.useful_mobility
+        too_few = self.general_ranks["M"] < len(self.variables["operational"])
+        return too_few or len(self.variables["active"]) < self._general_mobility
+
+    @property
+    def _general_mobility(self) -> int:
+        """Give the useful mobility where no closure is singular."""
+        return self.n_variables - self.general_ranks["E"] - self.internal_mobility
 
     @property
     def is_doubtful(self) -> bool:
@@ -120,12 +132,12 @@ class StateReport:
 
     @property
     def kind(self) -> str:
-        """Say in words how the drives relate to the freedoms."""
+        """Say in words how the drives relate to the freedoms: a property of the machine, not of the configuration."""
         words = {
             "under-actuated": self.is_under_actuated,
             "redundant": self.is_redundant,
             "redundantly actuated": self.is_redundantly_actuated,
-            f"over-constrained by {self.redundant_rows}": self.is_over_constrained,
+            f"over-constrained by {self.over_constraint}": self.is_over_constrained,
         }
         return ", ".join(word for word, applies in words.items() if applies) or "as many drives as freedoms"
 
@@ -135,7 +147,11 @@ class StateReport:
 
     def __str__(self) -> str:
         ranks = ", ".join(f"rg {name} = {rank.value}" for name, rank in self.ranks.items())
-        doubtful = [f"{n} (gap {r.gap:.0f})" for n, r in self.ranks.items() if r.is_doubtful]
+        doubtful = [
+            f"{n} (values {r.smallest_kept:.1e} and {r.largest_dropped:.1e} about the cut at {r.cut:.1e})"
+            for n, r in self.ranks.items()
+            if r.is_doubtful
+        ]
         lost = [f"{n} has {r.value} of {self.general_ranks[n]}" for n, r in self.ranks.items()
                 if r.value < self.general_ranks[n]]  # fmt: skip
         lines = [
