@@ -303,6 +303,23 @@ def test_path_that_leaps() -> None:
     assert followed.s[-1] == pytest.approx(0.3, abs=1e-12)
 
 
+def test_more_variables_than_motions() -> None:
+    """Four drives turn the wrist's three motions: only values that agree can be followed."""
+    robot = po.robots.hayward_wrist()
+    kinematics, home = robot.kinematics, robot.home_configuration
+    drives = robot.mechanism.active
+
+    def agreeing(s: float) -> Array:
+        return kinematics.inverse({"alpha": 0.2 * s, "beta": 0.1 * s, "gamma": 0.3 * s}, home).configuration.active
+
+    followed = po.follow(kinematics, home, agreeing, drives)
+    assert followed.arrived, str(followed)
+    assert followed.end["gamma"] == pytest.approx(0.3, abs=1e-9)
+    straight = po.follow(kinematics, home, dict(zip(drives, agreeing(1.0), strict=True)))
+    assert straight.reason is po.StopReason.CONTRADICTION
+    assert "1 relation(s) upon q1, q2, q3, q4" in straight.detail
+
+
 def test_start_at_a_singularity() -> None:
     robot = po.robots.two_rpr()
     kinematics = robot.kinematics

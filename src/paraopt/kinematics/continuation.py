@@ -172,6 +172,8 @@ class _Walk:
                 near = self._extrapolate(places, points)
                 closing = near is not None and near[0] - s <= 10.0 * max(options.smallest_step, 1e-15 * s)
                 reason = StopReason.SINGULAR if closing else StopReason.STEP
+                if reason is StopReason.STEP and self.corrector.dependent:
+                    reason = StopReason.CONTRADICTION
                 reason = StopReason.NOT_FINITE if refused == "the path is not finite" else reason
             else:
                 target = self._land(s, step)
@@ -335,6 +337,11 @@ class _Walk:
             detail = (
                 f"joint range: {limit!r} is {value:.6g} {variable.unit}, its range ({low:.6g}, {high:.6g}) "
                 f"{variable.unit}, at s = {s:.9g}"
+            )
+        elif reason is StopReason.CONTRADICTION:
+            detail += (
+                f"; the closures force {self.corrector.dependent} relation(s) upon {', '.join(self.path.names)}: impose "
+                "fewer variables"
             )
         elif reason is StopReason.STEP:
             most = max(self.rejections, key=lambda k: self.rejections[k], default="")

@@ -94,6 +94,11 @@ class Corrector:
         """Give the number of motions, idle variables not counted, that the imposed variables leave free."""
         return len(self.solved) - self.rank
 
+    @property
+    def dependent(self) -> int:
+        """Give the number of relations that the closures force upon the imposed variables alone."""
+        return self.constraint_rank - self.rank
+
     def point(self, z: Array) -> BranchPoint:
         """Factor the solved columns at scaled values."""
         (E,) = self._functions.scaled_jacobian(z * self.scale)

@@ -22,6 +22,7 @@ class StopReason(Enum):
     ARRIVED = "arrived: the branch was followed to the end of the path"
     SINGULAR = "singular: the columns that are solved for lose rank; the branch folds back or meets another"
     RANGE = "joint range: a variable reaches the end of its range"
+    CONTRADICTION = "contradiction: the imposed variables depend on each other, and the path does not respect it"
     NOT_FINITE = "not finite: the path gives a value that is not a finite number"
     STEP = "step below minimum: no step of the path is small enough to be sure of the branch"
 
