@@ -8,7 +8,7 @@ from paraopt.planning.refine import Refined, SplineRefiner
 from paraopt.planning.retime_base import Retimer
 from paraopt.planning.retime_ruckig import JerkLimited
 from paraopt.planning.retime_toppra import TimeOptimal
-from paraopt.planning.seed import MixedSearch, Seed, Seeder
+from paraopt.planning.seed import FirstSuccess, GrownRoadmap, MixedSearch, Roadmap, RRTConnect, Seed, Seeder
 from paraopt.planning.trajectory import State, Trajectory
 from paraopt.planning.validity import Validity, Verdict, check_ends
 from paraopt.planning.verify import Certificate, Check, Tolerances, verify
@@ -16,6 +16,8 @@ from paraopt.planning.verify import Certificate, Check, Tolerances, verify
 __all__ = [
     "Certificate",
     "Check",
+    "FirstSuccess",
+    "GrownRoadmap",
     "JerkLimited",
     "Margins",
     "MixedSearch",
@@ -24,8 +26,10 @@ __all__ = [
     "Path",
     "PathPoints",
     "Problem",
+    "RRTConnect",
     "Refined",
     "Retimer",
+    "Roadmap",
     "Seed",
     "Seeder",
     "SplineRefiner",

@@ -56,6 +56,13 @@ class Ground:
         X = self.problem.start_configuration.X
         return Spot(X[self.problem.index], X, self.problem.space.tangent(X)[0])
 
+    @property
+    def goal(self) -> Spot:
+        """Give the goal, its periodic angles within half a turn of the start."""
+        X = self.problem.goal_configuration.X.copy()
+        X[self.problem.index] = self.problem.goal_values()  # full turns leave the loops closed
+        return Spot(X[self.problem.index], X, self.problem.space.tangent(X)[0])
+
     # -- positions -------------------------------------------------------------------------------------------------
 
     def judge(
@@ -103,9 +110,14 @@ class Ground:
     def toward(self, here: Array, goal: Array) -> Array:
         """Give the nearest of the positions that differ from a goal by full turns, within the bound on turns."""
         low, high = self.problem.turn_bounds
-        near = here + self.problem.turn(goal - here)
-        around = np.where(near > high, near - 2 * np.pi, np.where(near < low, near + 2 * np.pi, near))
-        return np.where(self.problem.periodic, around, goal)
+        near = self.unwrap(here, goal)
+        inside = np.where(near > high, near - 2 * np.pi, np.where(near < low, near + 2 * np.pi, near))
+        return np.where(self.problem.periodic, inside, goal)
+
+    def unwrap(self, here: Array, value: Array) -> Array:
+        """Move periodic coordinates of a position by full turns, to be nearest to another one."""
+        turns = np.where(self.problem.periodic, np.round((here - value) / (2 * np.pi)), 0.0)
+        return value + 2 * np.pi * turns
 
     def is_goal(self, spot: Spot) -> bool:
         """Tell whether a spot at the goal's coordinates is the goal, and not another solution there."""
@@ -126,21 +138,93 @@ class Ground:
         Returns:
             What blocks it first and None, or "valid" and the spot at its end.
         """
-        length = self.length(np.array([a.value, b]))
-        count = max(2, int(np.ceil(length / self.spacing)))
+        chain, reason, _ = self.advance(a, b)
+        if reason == VALID and fine:
+            reason = self.look_between([chain])[0]
+        return (VALID, chain[-1]) if reason == VALID else (reason, None)
+
+    def advance(self, a: Spot, b: Array) -> tuple[list[Spot], str, Array | None]:
+        """Go along a straight line as far as it is valid.
+
+        Args:
+            a: The spot where it begins.
+            b: Where it ends.
+
+        Returns:
+            The spots from its beginning on; what blocks the next position, or "valid" when the end is reached; and that
+            position, or None.
+        """
+        count = max(2, int(np.ceil(self.length(np.array([a.value, b])) / self.spacing)))
         values = a.value + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a.value)
         values[-1] = b
         chain = [a]
         for i in range(0, count, self.block):
             part = values[i : i + self.block]
             spots, reasons = self.judge(part, [chain[-1]] * len(part))
-            for spot, reason in zip(spots, reasons, strict=True):
+            for value, spot, reason in zip(part, spots, reasons, strict=True):
                 if spot is None:
-                    return reason, None
+                    return chain, reason, value
                 chain.append(spot)
-        if fine and (reason := self.look_between([chain])[0]) != VALID:
-            return reason, None
-        return VALID, chain[-1]
+        return chain, VALID, None
+
+    def lines(self, ends: Sequence[tuple[Spot, Spot]]) -> list[bool]:
+        """Check many lines between known spots, all at once; an end that is reached on another branch does not count.
+
+        Periodic angles go the short way round.
+        """
+        starts = np.array([a.value for a, _ in ends])
+        moves = self.problem.turn(np.array([b.value for _, b in ends]) - starts)
+        lengths = np.linalg.norm(moves * self.problem.metric, axis=1)
+        counts = np.maximum(2, np.ceil(lengths / self.spacing).astype(int))
+        here = [a for a, _ in ends]
+        free = np.ones(len(ends), dtype=bool)
+        for first in range(0, int(np.max(counts, initial=0)), self.block):
+            wanted = [
+                (i, k)
+                for i in np.flatnonzero(free).tolist()
+                for k in range(first + 1, min(first + self.block, counts[i]) + 1)
+            ]
+            if not wanted:
+                break
+            values = np.array([starts[i] + moves[i] * (k / counts[i]) for i, k in wanted])
+            spots, _ = self.judge(values, [here[i] for i, _ in wanted])
+            for (i, _), spot in zip(wanted, spots, strict=True):
+                free[i] &= spot is not None
+                here[i] = spot or here[i]
+        for i in np.flatnonzero(free).tolist():
+            free[i] = self.is_same(here[i], ends[i][1])
+        return free.tolist()
+
+    def is_same(self, a: Spot, b: Spot) -> bool:
+        """Tell whether two spots are one configuration, full turns left out."""
+        return compare_configurations(self.problem, a.X, b.X)[1] <= 1e-6
+
+    def place(self, values: Array, nears: Sequence[Spot]) -> tuple[list[Spot | None], tuple[str, ...]]:
+        """Judge positions far from known spots: walk there in steps, whatever lies between.
+
+        Args:
+            values: Positions, shape (n, m).
+            nears: A known spot for each, the nearer the better.
+
+        Returns:
+            The spots, None where blocked, and the reasons.
+        """
+        kinematics, names, index = self.problem.robot.kinematics, self.problem.independent, self.problem.index
+        X = np.array([s.X for s in nears])
+        T = np.array([s.T for s in nears])
+        first = np.array([s.value for s in nears])
+        move = self.problem.turn(values - first)
+        far = np.max(np.linalg.norm(move * self.problem.metric, axis=1), initial=0.0)
+        steps = max(1, int(np.ceil(far / (0.25 * self.problem.robot.mechanism.length))))
+        for k in range(1, steps):
+            there = first + move * (k / steps)
+            predicted = X + np.einsum("nvm,nm->nv", T, there - X[:, index])
+            closed = kinematics.solve_batch(names, there, predicted)
+            X = np.where(closed.converged[:, None], closed.X, X)  # the others are tried again from where they stopped
+            T = self.problem.space.tangent(X)
+        there = first + move
+        waiting = [Spot(x[index], x, t) for x, t in zip(X, T, strict=True)]
+        return self.judge(there, waiting)
 
     def short_edges(self, ends: Sequence[tuple[Spot, Spot]], count: int, fine: bool) -> list[bool]:
         """Check short lines between known spots all together, each from its beginning."""
@@ -291,7 +375,7 @@ class Ground:
             here = best
         return result if self.length_of(result) <= self.length_of(spots) + 1e-12 else spots
 
-    def _cut_corners(self, spots: list[Spot], gain: float = 0.02) -> list[Spot] | None:
+    def _cut_corners(self, spots: list[Spot], gain: float = 0.005) -> list[Spot] | None:
         """Replace each corner by a line between its edges, as deep as is valid; None when little is won."""
         points = [spot.value for spot in spots]
         result, i = [spots[0]], 1

@@ -9,9 +9,14 @@ import pytest
 
 import paraopt as po
 from motions import other_elbow, problem_of, raf_problem, turning_problem
-from paraopt.planning import Seeder, Validity
+from paraopt.planning import FirstSuccess, Roadmap, RRTConnect, Seeder, Validity
 
-SEEDERS: tuple[Seeder, ...] = (po.MixedSearch(),)
+SEEDERS: tuple[Seeder, ...] = (
+    po.MixedSearch(),
+    RRTConnect(),
+    Roadmap(nodes=120),
+    FirstSuccess((RRTConnect(max_checks=3), po.MixedSearch(max_checks=2000), RRTConnect())),
+)
 PROBLEMS = {
     "raf free": (lambda: problem_of("free"), False),
     "raf cylinder": (lambda: problem_of("cylinder"), True),

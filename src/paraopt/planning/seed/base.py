@@ -145,3 +145,37 @@ def try_straight(ground: Ground) -> tuple[str, Spot | None]:
     if last is not None and not ground.is_goal(last):
         return "branch", None
     return reason, last
+
+
+def sample_region(problem: Problem, random: np.random.Generator, count: int, reach: float) -> Array:
+    """Draw positions around start and goal.
+
+    Args:
+        problem: The problem.
+        random: Source of random numbers.
+        count: How many.
+        reach: How far beyond the box of start and goal, in the problem's metric [m]; ranges and full turns bound it.
+
+    Returns:
+        Positions, uniform in the box, shape (count, m).
+    """
+    start, goal = problem.start_configuration.X[problem.index], problem.goal_values()
+    beyond = reach / problem.metric
+    low, high = np.minimum(start, goal) - beyond, np.maximum(start, goal) + beyond
+    # half a turn to both sides of the middle holds every angle once
+    middle = 0.5 * (start + goal)
+    low = np.where(problem.periodic, np.maximum(low, middle - np.pi), low)
+    high = np.where(problem.periodic, np.minimum(high, middle + np.pi), high)
+    lower, upper = (bound[problem.index] for bound in problem.bounds.bounds(problem.robot.mechanism))
+    return random.uniform(np.maximum(low, lower), np.minimum(high, upper), size=(count, len(start)))
+
+
+def check_options(**options: float) -> None:
+    """Refuse options of a seeder that are not finite and above 0.
+
+    Raises:
+        DefinitionError: The message names the option and its value.
+    """
+    for name, value in options.items():
+        if not (np.isfinite(value) and value > 0):
+            raise DefinitionError(f"{name} of the search is {value}; it must be finite and above 0")
