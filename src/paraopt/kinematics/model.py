@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.closure import ClosureGraph, Gauge, build_closure
 from paraopt.errors import DefinitionError, unknown_name
+from paraopt.kinematics.batch import BatchSolution, answer_exactly, answer_nearest
 from paraopt.kinematics.codegen import Backend
 from paraopt.kinematics.configuration import Configuration
 from paraopt.kinematics.functions import FunctionSet
@@ -276,6 +277,79 @@ class Kinematics:
         X = np.array(starts, dtype=float, ndmin=2)
         X[:, index] = np.asarray(values, dtype=float).reshape(len(X), len(index))
         return solve_closure(self.functions, X, self._free(names), options or self.options)
+
+    def inverse_batch(self, x: ArrayLike, starts: ArrayLike, options: SolveOptions | None = None) -> BatchSolution:
+        """Solve the inverse model for n poses at once, in compiled code where there is any.
+
+        Args:
+            x: Poses in the order of the operational variables [m or rad], shape (n, n_operational).
+            starts: Starts [m or rad], shape (n, n_variables), or one for all.
+            options: Tolerances; those of this object when None.
+
+        Returns:
+            The answers with a status per row: CONVERGED, SINGULAR, or FAILED.
+
+        Raises:
+            DefinitionError: The shapes do not fit; a row that is not finite is FAILED, not an error.
+        """
+        return self._answer_batch(self.mechanism.operational, x, starts, options)
+
+    def forward_batch(self, q: ArrayLike, starts: ArrayLike, options: SolveOptions | None = None) -> BatchSolution:
+        """Solve the forward model for n rows of the active variables, shape (n, n_active); see `inverse_batch`."""
+        return self._answer_batch(self.mechanism.active, q, starts, options)
+
+    def fit_batch(
+        self,
+        names: Sequence[str],
+        values: ArrayLike,
+        starts: ArrayLike,
+        weights: Mapping[str, float] | None = None,
+        options: SolveOptions | None = None,
+    ) -> BatchSolution:
+        """Come as near to imposed values as closures and ranges allow, for n rows at once (XFKM); see `fit`.
+
+        Exact solutions and Newton steps towards the nearest values run on all rows together. Rows that do not settle
+        that way are asked one by one.
+
+        Args:
+            names: Imposed variables.
+            values: Imposed values [m or rad], shape (n, n_imposed).
+            starts: Starts [m or rad], shape (n, n_variables), or one for all.
+            weights: Weight of each imposed variable [1]; 1 where nothing is said.
+            options: Tolerances; those of this object when None.
+
+        Returns:
+            The answers with a status per row.
+
+        Raises:
+            DefinitionError: The shapes do not fit, or a weight is not above 0.
+        """
+        question = self._ask(dict.fromkeys(names, 0.0), weights or {}, options, within_ranges=True)
+        return answer_nearest(question, *self._read_rows(names, values, starts))
+
+    def _answer_batch(
+        self, names: Sequence[str], values: ArrayLike, starts: ArrayLike, options: SolveOptions | None
+    ) -> BatchSolution:
+        question = self._ask(dict.fromkeys(names, 0.0), {}, options, within_ranges=False)
+        return answer_exactly(question, *self._read_rows(names, values, starts))
+
+    def _read_rows(self, names: Sequence[str], values: ArrayLike, starts: ArrayLike) -> tuple[Array, Array]:
+        """Read n rows of imposed values and n starts, or one start for all."""
+        rows = []
+        for wanted, given, what in ((names, values, "values"), (self.mechanism.names, starts, "starts")):
+            try:
+                rows.append(np.array(given, dtype=float, ndmin=2))
+            except (TypeError, ValueError) as error:
+                raise DefinitionError(f"{what} of {self.mechanism.name!r} must be numbers: {error}") from error
+            if rows[-1].ndim != 2 or rows[-1].shape[1] != len(wanted):
+                raise DefinitionError(
+                    f"{what} of {self.mechanism.name!r} have shape {rows[-1].shape}; they must be (n, {len(wanted)}), "
+                    f"one column for each of {list(wanted)}"
+                )
+        n = len(rows[0])
+        if len(rows[1]) not in (1, n):
+            raise DefinitionError(f"there are {len(rows[1])} starts for {n} rows of values; give one for each, or one")
+        return rows[0], np.broadcast_to(rows[1], (n, rows[1].shape[1]))
 
     # -- derivatives -----------------------------------------------------------------------------------------------
 

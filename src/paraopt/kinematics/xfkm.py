@@ -54,13 +54,13 @@ class Question:
         Source: Lahouar, II.3; Tripod.
         """
         starts = origins.copy()
-        starts[:, self._index] = self._values
-        exact = solve_closure(self.functions, starts, self._free, self.options)
+        starts[:, self.index] = self._values
+        exact = solve_closure(self.functions, starts, self.free, self.options)
         spent = exact.iterations
         best = next((k for k in exact.converged.nonzero()[0].tolist() if self._is_allowed(exact.X[k])), None)
         if best is not None:
             return self._conclude(exact.X[best], exact.residual[best], spent, Status.CONVERGED, "newton")
-        closed = solve_closure(self.functions, origins[0], np.ones(len(self._free)), self.options)
+        closed = solve_closure(self.functions, origins[0], np.ones(len(self.free)), self.options)
         X, iterations, settled = self._program(closed.X[0])
         by_programs = self._judge(X, settled, spent + iterations, "sqp")
         if by_programs.status is not Status.FAILED:
@@ -73,7 +73,7 @@ class Question:
 
     def _program(self, start: Array) -> tuple[Array, int, bool]:
         target, weight = self._target(start)
-        return solve_nearest(self.functions, start, target, weight, *self._ranges, self.options)
+        return solve_nearest(self.functions, start, target, weight, *self.ranges, self.options)
 
     def _interior(self, start: Array, is_closed: bool) -> tuple[Array, int, bool]:
         target, weight = self._target(start)
@@ -81,7 +81,7 @@ class Question:
         # where the loops are open, dependent equations look independent
         rows = independent_rows(E) if is_closed else np.arange(len(E))
         limit = self.options.interior_iterations
-        X, iterations, word = solve_interior(self.functions, start, target, weight, *self._ranges, rows, limit)
+        X, iterations, word = solve_interior(self.functions, start, target, weight, *self.ranges, rows, limit)
         return X, iterations, word in ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
     # -- judging ---------------------------------------------------------------------------------------------------
@@ -95,15 +95,15 @@ class Question:
         closes = bool(polished.converged[0]) and self._is_allowed(final, 1e-7)
         if closes and np.max(np.abs(miss), initial=0.0) < _NEARLY:
             again = final.copy()
-            again[self._index] = self._values
-            exact = solve_closure(self.functions, again, self._free, self.options)
+            again[self.index] = self._values
+            exact = solve_closure(self.functions, again, self.free, self.options)
             if exact.converged[0] and self._is_allowed(exact.X[0]):
                 return self._conclude(exact.X[0], exact.residual[0], iterations, Status.CONVERGED, solver)
         status = Status.NEAREST if closes and settled else Status.FAILED
         answer = self._conclude(final, polished.residual[0], iterations, status, solver)
         if not closes:
             return answer
-        lower, upper = self._ranges
+        lower, upper = self.ranges
         near = np.minimum(final - lower, upper - final) / self._scale < _NEARLY
         held = tuple(n for n, b in zip(self._mechanism.names, near, strict=True) if b)
         weight = np.array([self.weights[name] for name in self.impose])
@@ -113,14 +113,14 @@ class Question:
         """Add ranks, and tell a solution that is not unique."""
         (E,) = self.functions.scaled_jacobian(X)
         # a column that is empty at this place only is a motion that nothing holds
-        solved = self.used & (self._free > 0)
+        solved = self.used & (self.free > 0)
         rank = compute_rank(E[:, solved], whole=E)
         undetermined = int(np.count_nonzero(solved)) - rank.value
         if status is Status.CONVERGED and undetermined > 0:
             mobility = int(np.count_nonzero(self.used)) - compute_rank(E).value
             if undetermined > max(mobility - len(self.impose), 0):
                 status = Status.SINGULAR
-        obtained = X[self._index] - self._values
+        obtained = X[self.index] - self._values
         return Solution(
             mechanism=self._mechanism,
             X=X,
@@ -140,7 +140,7 @@ class Question:
 
     def _outside(self, X: Array, tolerance: float = 1e-9) -> tuple[str, ...]:
         """Name the variables outside their ranges, up to a tolerance [m or rad]."""
-        lower, upper = self._ranges
+        lower, upper = self.ranges
         within = (lower - tolerance <= X) & (upper + tolerance >= X)  # no number is not
         if within.all():
             return ()
@@ -148,12 +148,12 @@ class Question:
 
     def _miss(self, X: Array) -> Array:
         """Give the scaled difference between obtained and imposed values, shape (n_imposed,)."""
-        return (X[self._index] - self._values) / self._scale[self._index]
+        return (X[self.index] - self._values) / self._scale[self.index]
 
     def _target(self, start: Array) -> tuple[Array, Array]:
         target, weight = start.copy(), np.zeros_like(start)
-        target[self._index] = self._values
-        weight[self._index] = [self.weights[name] for name in self.impose]
+        target[self.index] = self._values
+        weight[self.index] = [self.weights[name] for name in self.impose]
         return target, weight
 
     @property
@@ -165,7 +165,8 @@ class Question:
         return self.functions.graph.variable_scale
 
     @cached_property
-    def _index(self) -> list[int]:
+    def index(self) -> list[int]:
+        """Give the positions of the imposed variables."""
         return self._mechanism.indices(self.impose)
 
     @cached_property
@@ -173,11 +174,13 @@ class Question:
         return np.array(list(self.impose.values()), dtype=float)
 
     @cached_property
-    def _free(self) -> Array:
+    def free(self) -> Array:
+        """Give 1 for the variables that are solved for, 0 for the imposed ones, shape (n_variables,)."""
         free = np.ones(len(self._mechanism.names))
-        free[self._index] = 0.0
+        free[self.index] = 0.0
         return free
 
     @property
-    def _ranges(self) -> tuple[Array, Array]:
+    def ranges(self) -> tuple[Array, Array]:
+        """Give the lowest and the highest value of every variable [m or rad], shape (n_variables,) each."""
         return self.functions.ranges
