@@ -20,6 +20,7 @@ from paraopt.io import load_mechanism, load_obstacles, load_robot, save_mechanis
 from paraopt.kinematics import (
     AssemblyModes,
     AssemblyOptions,
+    BatchSolution,
     BranchSingularity,
     Configuration,
     Followed,
@@ -112,6 +113,7 @@ __all__ = [
     "AssemblyOptions",
     "BackendError",
     "Base",
+    "BatchSolution",
     "Box",
     "BranchSingularity",
     "BudgetExceededError",

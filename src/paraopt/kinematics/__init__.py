@@ -1,6 +1,7 @@
 """Numbers: compiled functions of the closure graph, solves, and the state of the mechanism."""
 
 from paraopt.kinematics.assembly_modes import AssemblyMode, AssemblyModes, AssemblyOptions
+from paraopt.kinematics.batch import BatchSolution
 from paraopt.kinematics.codegen import CompiledFunction, find_compiler
 from paraopt.kinematics.conditioning import Isotropy, IsotropyOptions, condition_numbers, find_isotropic
 from paraopt.kinematics.configuration import Configuration
@@ -25,6 +26,7 @@ __all__ = [
     "AssemblyMode",
     "AssemblyModes",
     "AssemblyOptions",
+    "BatchSolution",
     "BranchSingularity",
     "ClosureSolution",
     "CompiledFunction",
