@@ -339,10 +339,8 @@ class _Walk:
                 f"{variable.unit}, at s = {s:.9g}"
             )
         elif reason is StopReason.CONTRADICTION:
-            detail += (
-                f"; the closures force {self.corrector.dependent} relation(s) upon {', '.join(self.path.names)}: impose "
-                "fewer variables"
-            )
+            names = ", ".join(self.path.names)
+            detail += f"; the closures force {self.corrector.dependent} relation(s) upon {names}: impose fewer variables"
         elif reason is StopReason.STEP:
             most = max(self.rejections, key=lambda k: self.rejections[k], default="")
             detail += f"; most steps were refused because {most}; smallest singular value {point.margin:.3g}"
