@@ -340,7 +340,7 @@ class _Walk:
             )
         elif reason is StopReason.CONTRADICTION:
             names = ", ".join(self.path.names)
-            detail += f"; the closures force {self.corrector.dependent} relation(s) upon {names}: impose fewer variables"
+            detail += f"; the closures force {self.corrector.dependent} relation(s) upon {names}; impose fewer"
         elif reason is StopReason.STEP:
             most = max(self.rejections, key=lambda k: self.rejections[k], default="")
             detail += f"; most steps were refused because {most}; smallest singular value {point.margin:.3g}"
