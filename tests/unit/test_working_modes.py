@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import itertools
+from dataclasses import replace
 from math import prod
 
 import numpy as np
@@ -271,6 +272,27 @@ def test_a_configuration_in_no_mode_is_seen() -> None:
     other = kinematics.inverse({"x": 6.3, "y": 7.0}, mode="+-").configuration
     with pytest.raises(po.SolveError, match="leg 'theta1' of the configuration is in none of its 2 postures"):
         modes.label_of(other)
+
+
+def test_a_pose_that_violates_an_equation_without_joints_has_no_mode() -> None:
+    mechanism = po.robots.two_rpr().mechanism
+    rail = po.PointOnLine("tip", (0, 0), "base", (0, 7), "x", "rail")
+    kinematics = po.Kinematics(replace(mechanism, closures=[*mechanism.closures, rail]), backend="virtual machine")
+    assert kinematics.working_modes({"x": 5.0, "y": 7.0}).count == 1
+    off = kinematics.working_modes({"x": 5.0, "y": 6.9})
+    assert (off.count, list(off), list(off.labels)) == (0, [], [])
+    assert off.reason.startswith("the pose violates 'rail")
+    with pytest.raises(po.SolveError, match="the pose violates 'rail"):
+        off["++"]
+
+
+def test_a_quantity_read_off_a_leg_does_not_disturb_its_modes() -> None:
+    reach = po.Gauge("reach", lambda values, poses: values["theta1"] + values["theta3"], kind="angle")
+    kinematics = po.Kinematics(five_bar_robot().mechanism, backend="virtual machine", gauges=[reach])
+    modes = kinematics.working_modes({"x": 6.0, "y": 7.0})
+    assert modes.count == 4
+    for configuration in modes:
+        assert configuration["reach"] == pytest.approx(configuration["theta1"] + configuration["theta3"])
 
 
 # --- Coordinates that are held

@@ -177,7 +177,7 @@ def find_assembly_modes(
     Raises:
         DefinitionError: An exact method is asked for that does not fit the mechanism.
 
-    Source: Chablat1998, 3.2.3; Husty1996.
+    Source: Chablat1998, 1.5.2; Husty1996.
     """
     options = options or AssemblyOptions()
     mechanism = kinematics.mechanism

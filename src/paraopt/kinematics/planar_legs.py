@@ -249,7 +249,7 @@ def solve_planar(problem: PlanarProblem, tolerance: float = 1e-10) -> PlanarPose
     Returns:
         The poses.
 
-    Source: Chablat1998, 3.4.2.
+    Source: Chablat1998, 1.5.2 (number of solutions by the characteristic polynomial).
     """
     held = [leg for leg in problem.legs if leg.kind == "PP"]
     if held or not problem.turns:

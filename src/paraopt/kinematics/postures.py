@@ -75,8 +75,11 @@ def turn_towards(kinematics: Kinematics, X: Array, target: Array) -> Array:
         target: Values to be near to, shape (n_variables,).
 
     Returns:
-        The same places with other angles, shape (n, n_variables).
+        The same places with other angles, shape (n, n_variables); what they are where gauges read angles, which may
+        count turns.
     """
+    if kinematics.gauges:
+        return X
     variables = kinematics.mechanism.variables
     angle = np.array([v.kind == "angle" for v in variables])
     low, high = (np.array([v.range[k] for v in variables]) for k in (0, 1))

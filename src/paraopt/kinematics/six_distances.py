@@ -65,7 +65,7 @@ def solve_six_distances(problem: SixDistances, imaginary: float = 1e-5) -> SixDi
     Returns:
         The poses, and how the paths ended.
 
-    Source: Husty1996; SommeseWampler2005.
+    Source: Husty1996; SommeseWampler2005; Chablat1998, 1.5.2 (the number 40).
     """
     origin, middle = problem.base.mean(axis=0), problem.platform.mean(axis=0)
     unit = float(max(np.mean(problem.lengths), np.max(np.abs(problem.base - origin)), 1e-300))

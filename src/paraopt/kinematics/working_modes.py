@@ -91,6 +91,7 @@ class WorkingModes:
         held: Passive coordinates of free links that were held, with their values.
         legs: Postures of each leg, in the order of the legs.
         X: Values of the variables that belong to no leg, shape (n_variables,).
+        open_rows: Names of the equations without joints that the pose violates.
         tolerance: Bound on the scaled closure residual [1].
     """
 
@@ -99,12 +100,13 @@ class WorkingModes:
     held: Mapping[str, float]
     legs: tuple[LegPostures, ...]
     X: Array
+    open_rows: tuple[str, ...] = ()
     tolerance: float = 1e-10
 
     @property
     def count(self) -> int:
         """Give the number of modes: the product of the numbers of postures."""
-        return prod(leg.count for leg in self.legs)
+        return 0 if self.open_rows else prod(leg.count for leg in self.legs)
 
     def __len__(self) -> int:
         return self.count
@@ -122,7 +124,7 @@ class WorkingModes:
     @property
     def reason(self) -> str:
         """Say why there is no mode, naming the legs; empty where there are some."""
-        parts = []
+        parts = [f"the pose violates {', '.join(map(repr, self.open_rows))}"] if self.open_rows else []
         for postures in self.legs:
             if postures.count:
                 continue
@@ -138,10 +140,11 @@ class WorkingModes:
     @property
     def labels(self) -> Iterator[str]:
         """List the labels of all modes, the mode nearest to the start first."""
-        return (self._join(labels) for labels in itertools.product(*[leg.labels for leg in self.legs]))
+        every = itertools.product(*[leg.labels for leg in self.legs]) if self.count else ()
+        return (self._join(labels) for labels in every)
 
     def __iter__(self) -> Iterator[Configuration]:
-        for choice in itertools.product(*[range(leg.count) for leg in self.legs]):
+        for choice in itertools.product(*[range(leg.count) for leg in self.legs]) if self.count else ():
             yield self._build(choice)
 
     def __getitem__(self, mode: Mode) -> Configuration:
@@ -155,6 +158,11 @@ class WorkingModes:
             SolveError: A leg has no posture of that sign at this pose.
         """
         parts = self._read(mode)
+        if self.open_rows:
+            raise SolveError(
+                f"{self.kinematics.mechanism.name!r} has no working mode at {dict(self.imposed)}: {self.reason}",
+                modes=self,
+            )
         return self._build([self._choose(leg, part) for leg, part in zip(self.legs, parts, strict=True)])
 
     def signs(self, mode: Mode) -> tuple[int, ...]:
@@ -260,7 +268,7 @@ def find_working_modes(
     Returns:
         The modes; without one where the pose cannot be reached, `reason` says which leg is why.
 
-    Source: Chablat1998, 3.2.2; Lahouar, II.27.
+    Source: Chablat1998, 3.2; Lahouar, II.27.
     """
     options = options or WorkingModeOptions()
     mechanism = kinematics.mechanism
@@ -274,7 +282,11 @@ def find_working_modes(
     legs = find_legs(kinematics.graph, names)
     reader = PostureReader(kinematics)
     found = [_find_postures(kinematics, leg, names, X, reader, options) for leg in legs]
-    return WorkingModes(kinematics, dict(x), held, tuple(found), X)
+    (F,) = kinematics.functions.residual(X)
+    loose = set(range(len(kinematics.graph.rows))) - {k for leg in legs for k in leg.rows}
+    violated = [k for k in sorted(loose) if abs(F[k]) > options.search.tolerance * kinematics.graph.row_scale[k]]
+    names_open = tuple(kinematics.graph.rows[k].name for k in violated)
+    return WorkingModes(kinematics, dict(x), held, tuple(found), X, names_open)
 
 
 def _find_postures(
