@@ -209,6 +209,29 @@ def test_a_rotation_held_twice_lets_the_platform_slide() -> None:
     assert modes.is_continuous
 
 
+@pytest.mark.parametrize(
+    ("legs", "count"),
+    [(("_R_PP", "R_P_R", "R_P_R"), 2), (("_R_PP", "_R_RR", "P_R_R"), 2), (("PP_R_", "P_R_R", "R_R_P"), 1)],
+)
+def test_one_leg_that_holds_the_rotation_leaves_circles_and_lines(legs: tuple[str, str, str], count: int) -> None:
+    robot = planar_platform(*legs)
+    kinematics, home = uncompiled(robot), home_of(robot)
+    q = dict(zip(robot.mechanism.active, home[:3].tolist(), strict=True))
+    exact = kinematics.assembly_modes(q, ANYWHERE, start=home)
+    assert (len(exact), exact.complex_count) == (count, count)
+    assert_same(kinematics, exact.X, kinematics.assembly_modes(q, MANY, start=home).X)
+
+
+def test_equal_legs_of_an_equilateral_platform() -> None:
+    """Symmetric: solutions come in threes by turning the machine, and lines coincide on the way to them."""
+    robot = robot_of("three_rpr")
+    kinematics = robot.kinematics
+    q = dict.fromkeys(robot.mechanism.active, 45.0)
+    exact = kinematics.assembly_modes(q, ANYWHERE, start=robot.home_configuration)
+    assert (len(exact), exact.is_balanced) == (6, True)
+    assert_same(kinematics, exact.X, kinematics.assembly_modes(q, MANY, start=robot.home_configuration).X)
+
+
 def test_two_modes_meet_at_a_parallel_singularity() -> None:
     """Five-bar with its distal bars in one line: elbows 13 apart."""
     robot = five_bar_robot()

@@ -103,7 +103,8 @@ class PlanarPoses:
 
     Attributes:
         poses: x [m], y [m], theta [rad], shape (n, 3).
-        degree: Degree of the polynomial in e^{i theta}: the number of complex solutions, multiple ones counted so.
+        degree: Number of complex solutions, multiple ones counted so: the degree of the polynomial in e^{i theta}, or
+            of what two circles or lines have in common where the rotation is held.
         is_continuous: Whether the platform can move with its drives held, from some solution or everywhere.
     """
 
@@ -253,7 +254,8 @@ def solve_planar(problem: PlanarProblem, tolerance: float = 1e-10) -> PlanarPose
     """
     held = [leg for leg in problem.legs if leg.kind == "PP"]
     if held or not problem.turns:
-        angles, degree, vanishes = np.array([np.angle(held[0].d) if held else 0.0]), 2, False
+        angles, vanishes = np.array([np.angle(held[0].d) if held else 0.0]), False
+        degree = 2 if any(leg.kind == "RR" for leg in problem.legs) else 1
     else:
         angles, degree, vanishes = _candidate_angles(problem)
     candidates = np.array([pose for theta in angles for pose in _candidate_poses(problem, theta)]).reshape(-1, 3)
