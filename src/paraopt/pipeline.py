@@ -12,11 +12,13 @@ from typing import Any, TypeVar
 from paraopt.io import build_report, write_report, write_trajectory
 from paraopt.planning import (
     Certificate,
+    FirstSuccess,
     MixedSearch,
     Path,
     Problem,
     Refined,
     Retimer,
+    RRTConnect,
     Seed,
     Seeder,
     SplineRefiner,
@@ -74,7 +76,8 @@ class Plan:
             f"acceleration {100 * c['acceleration / limit'].value:.1f} % of the limits",
             f"parallel margin {c['parallel margin'].value:.4f} at {c['parallel margin'].time:.3f} s, serial margin "
             f"{c['serial margin'].value:.4f} at {c['serial margin'].time:.3f} s "
-            f"(asked {self.problem.margins.singularity:g})",
+            f"(asked {c['parallel margin'].bound:g}"
+            f"{', serial ones may be crossed' if self.problem.allow_mode_change else ''})",
         ]
         if self.problem.scene.pairs:
             check = c["clearance"]
@@ -128,6 +131,20 @@ class Plan:
         return files
 
 
+def choose_seeder(problem: Problem) -> Seeder:
+    """Choose a seeder by the number of coordinates: a grid for a few of them, random trees behind it for more.
+
+    Args:
+        problem: The problem.
+
+    Returns:
+        The mixed search; for more than three coordinates a short one, followed by RRT-Connect.
+    """
+    if len(problem.independent) <= 3:
+        return MixedSearch()
+    return FirstSuccess((MixedSearch(refinements=0, max_checks=5000), RRTConnect()))
+
+
 def plan(
     problem: Problem,
     *,
@@ -141,7 +158,7 @@ def plan(
 
     Args:
         problem: What is asked.
-        seeder: Finds a first way; `MixedSearch()` when None.
+        seeder: Finds a first way; `choose_seeder(problem)` when None.
         refiner: Makes it short and smooth; `SplineRefiner()` when None.
         retimer: Times it; `TimeOptimal()` when None.
         progress: Called with the name of each finished stage and its seconds.
@@ -155,7 +172,7 @@ def plan(
         SolveError: A stage failed; the evidence is attached.
         CertificateError: The certificate contradicts the plan, and `allow_failed` is not set.
     """
-    seeder, refiner, retimer = seeder or MixedSearch(), refiner or SplineRefiner(), retimer or TimeOptimal()
+    seeder, refiner, retimer = seeder or choose_seeder(problem), refiner or SplineRefiner(), retimer or TimeOptimal()
     timings: dict[str, float] = {}
 
     def run(stage: str, act: Callable[[], _T]) -> _T:

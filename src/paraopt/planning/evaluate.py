@@ -64,7 +64,10 @@ class SampleEvaluator:
         self.evaluations = 0
 
     def _orientation(self, T: Array) -> Array:
-        """Give the determinant of the motions of the actuators where it is square; its sign tells the branch."""
+        """Give the determinant of the motions of the actuators where it is square; its sign tells the branch.
+
+        Where the actuators are the coordinates it is 1: crossing a serial singularity is no change of branch.
+        """
         rows = T[:, self.problem.robot.mechanism.indices(self.problem.robot.mechanism.active)]
         return np.linalg.det(rows) if rows.shape[1] == rows.shape[2] else np.ones(len(rows))
 
@@ -78,6 +81,10 @@ class SampleEvaluator:
         good = bool(np.all(closed.converged))
         T = problem.space.tangent(X)
         margins, dp, ds, dlp, dls = problem.space.margin_gradients(X, T)
+        serial, log_serial = margins.serial, margins.log_serial
+        if problem.allow_mode_change:  # serial singularities may be crossed: nothing pushes away from them
+            serial, log_serial = np.ones_like(serial), np.zeros_like(log_serial)
+            ds, dls = np.zeros_like(ds), np.zeros_like(dls)
         good = good and bool(np.all(np.sign(self._orientation(T)) == self._signs))
         distances = problem.scene.distances(X, self.pairs, T)
         if good:
@@ -87,9 +94,9 @@ class SampleEvaluator:
             X,
             (X / self._scale)[:, self.bounded],
             (T / self._scale[:, None])[:, self.bounded],
-            np.column_stack([margins.parallel, margins.serial]),
+            np.column_stack([margins.parallel, serial]),
             np.stack([dp, ds], axis=1),
-            np.column_stack([margins.log_parallel, margins.log_serial]),
+            np.column_stack([margins.log_parallel, log_serial]),
             np.stack([dlp, dls], axis=1),
             distances.values,
             distances.gradients,

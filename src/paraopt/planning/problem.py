@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.errors import DefinitionError, InfeasibleError
+from paraopt.errors import DefinitionError, InfeasibleError, SolveError
 from paraopt.kinematics import Configuration, Determinants, MotionSpace
 from paraopt.robot import Limits, Robot
 from paraopt.scene import Scene
@@ -150,16 +150,15 @@ class Problem:
     def goal_configuration(self) -> Configuration:
         """Solve the goal, on the branch of the start unless it is stated as a configuration.
 
-        Where the working mode may change, and the branch of the start has another assembly there, it is the nearest
-        solution that no parallel singularity parts from the start.
+        Where that branch leaves the ranges there, or the working mode may change and the branch lies beyond a parallel
+        singularity, it is the nearest of the other solutions, those first that no sign parts from the start.
 
         Raises:
             InfeasibleError: The goal cannot be reached.
         """
         if isinstance(self.goal, Configuration):
             return self.goal
-        same = self._solve("goal", self.goal, self.start_configuration)
-        return self._choose_mode(self.goal, same) if self.allow_mode_change else same
+        return self._choose_mode(self.goal, self._solve("goal", self.goal, self.start_configuration))
 
     @cached_property
     def determinants(self) -> Determinants:
@@ -227,19 +226,33 @@ class Problem:
         raise InfeasibleError(f"{label} is out of reach: {solution.summary}", solution=solution, pose=dict(pose))
 
     def _choose_mode(self, pose: Mapping[str, float], same: Configuration) -> Configuration:
-        """Choose the solution of a pose that can be reached without a parallel singularity, the nearest one first."""
-        (wanted,), _ = self.determinants.signs(self.start_configuration.X)
+        """Keep the solution that a straight walk reaches, unless another one of the pose can be the goal and it cannot.
+
+        A walk that passes near a leg of no length comes out with a negative length. Where the working mode may change,
+        the solution must lie on the start's side of the parallel singularities.
+        """
+        wanted = np.array(self.determinants.signs(self.start_configuration.X))[:, 0]
+        if self.allow_mode_change:
+            wanted[1] = np.nan
         low, high = self.bounds.bounds(self.robot.mechanism)
 
-        def is_good(X: Array) -> bool:
-            return bool(self.determinants.signs(X)[0][0] == wanted and np.all((low <= X) & (high >= X)))
+        def is_inside(X: Array) -> bool:
+            return bool(np.all((low <= X) & (high >= X)))
 
-        if np.isnan(wanted) or is_good(same.X):
+        def is_apart(X: Array) -> bool:
+            signs = np.array(self.determinants.signs(X))[:, 0]
+            return bool(np.any((signs != wanted) & ~np.isnan(wanted)))
+
+        if is_inside(same.X) and not (self.allow_mode_change and is_apart(same.X)):
             return same
-        others = [c for c in self.robot.kinematics.working_modes(pose, same) if is_good(c.X)]
+        try:
+            others = [c for c in self.robot.kinematics.working_modes(pose, same) if is_inside(c.X)]
+        except SolveError:
+            return same
         start = self.start_configuration.X[self.index]
 
-        def distance(other: Configuration) -> float:
-            return float(np.linalg.norm(self.turn(other.X[self.index] - start) * self.metric))
+        def distance(other: Configuration) -> tuple[bool, float]:
+            move = self.turn(other.X[self.index] - start) * self.metric
+            return is_apart(other.X), float(np.linalg.norm(move))
 
         return min(others, key=distance, default=same)

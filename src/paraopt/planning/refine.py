@@ -203,7 +203,8 @@ def _check_densely(problem: Problem, path: Path, count: int) -> _Violation | Non
     scale = problem.robot.kinematics.graph.variable_scale
     beyond = float(np.max(np.maximum(low - X, X - high) / scale, initial=0.0))
     margins = problem.space.margins(X)
-    short = problem.margins.singularity - float(np.min([margins.parallel, margins.serial]))
+    kept = [margins.parallel] if problem.allow_mode_change else [margins.parallel, margins.serial]
+    short = problem.margins.singularity - float(np.min(kept))
     distance, pair = look_for_closest(problem, path, np.linspace(0.0, 1.0, count + 1), X)
     near = problem.margins.clearance - float(np.min(distance))
     if beyond <= 0.0 and short <= 0.0 and near <= 0.0:

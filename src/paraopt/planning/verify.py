@@ -342,12 +342,14 @@ def _check_space(
     margins = problem.space.margins(safe)
     asked = problem.margins.singularity
     ledger.smallest("parallel margin", margins.parallel, asked, "1", tolerances.singularity)
-    ledger.smallest("serial margin", margins.serial, asked, "1", tolerances.singularity)
+    # a motion that may change its working mode may cross serial singularities, never parallel ones
+    serial = 0.0 if problem.allow_mode_change else asked
+    ledger.smallest("serial margin", margins.serial, serial, "1", tolerances.singularity)
     references = problem.determinants(problem.start_configuration.X)
     for name, values, reference in zip(
         ("parallel determinant", "serial determinant"), problem.determinants(safe), references, strict=True
     ):
-        if not np.isnan(reference[0]):
+        if not np.isnan(reference[0]) and not (problem.allow_mode_change and name.startswith("serial")):
             signed = np.sign(reference[0]) * values
             ledger.smallest(name, signed, 0.0, "1", -float(np.finfo(float).tiny))
     return clearance, margins
