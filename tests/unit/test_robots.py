@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Callable
 from pathlib import Path
 
+import coal
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -14,6 +15,8 @@ from scipy.linalg import qr
 
 import paraopt as po
 from paraopt.kinematics import GeneralState, find_general_state, null_space
+from paraopt.scene.geometry import build_geometry
+from paraopt.scene.pairs import find_neighbours
 from support import Array, finite_difference, library_robot, library_robots
 
 NAMES = library_robots()
@@ -136,6 +139,63 @@ def test_solids_do_not_collide_at_home(name: str) -> None:
         return
     clearance = scene.clearance(robot.home_configuration)
     assert clearance.distance > 0, f"{clearance.pair}: {clearance.distance}"
+
+
+def gap(robot: po.Robot, first: str, second: str, X_FS: Array) -> float:
+    """Measure the smallest distance between the solids of two links [m], the second being at X_FS in the first.
+
+    Planar machines have their links on levels: there the levels are laid on one another.
+    """
+    best = np.inf
+    for one in robot.shapes[first]:
+        for other in robot.shapes[second]:
+            placed = []
+            for shape, pose in ((one, one.pose), (other, X_FS @ other.pose)):
+                z = 0.0 if robot.mechanism.planar else pose[2, 3]
+                X = coal.Transform3s(pose[:3, :3], np.array([pose[0, 3], pose[1, 3], z]))
+                placed += [build_geometry(shape), X]
+            best = min(best, coal.distance(*placed, coal.DistanceRequest(), coal.DistanceResult()))
+    return best
+
+
+# The ground plate lies deeper than the joints that stand on it.
+FLOATING = {"raf": {"arm A", "arm B", "jack 1", "jack 2", "jack 3"}}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_solids_of_joined_links_meet_at_home(name: str) -> None:
+    """What is joined in the mechanism is joined as a body: no arm floats beside its motor."""
+    robot = library_robot(name)
+    poses = dict(zip([k.name for k in robot.mechanism.links], robot.kinematics.poses(robot.home_configuration.X)[0],
+                     strict=True))  # fmt: skip
+    apart = {}
+    for pair in find_neighbours(robot):
+        first, second = sorted(pair)
+        if pair & FLOATING.get(name, set()) and robot.mechanism.base.name in pair:
+            continue
+        distance = gap(robot, first, second, np.linalg.inv(poses[first]) @ poses[second])
+        if distance > 1e-6 * robot.mechanism.length:
+            apart[first, second] = distance
+    assert not apart
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_slides_stay_in_their_rails_at_every_stroke(name: str) -> None:
+    robot = library_robot(name)
+    m, home = robot.mechanism, robot.home_configuration
+    for link in m.links:
+        if not (isinstance(link, po.Series) and robot.shapes.get(link.name) and robot.shapes.get(link.father)):
+            continue
+        (motion, *others) = link.motions or (None,)
+        if motion is None or motion.kind != "length" or others or not np.all(np.isfinite(motion.range)):
+            continue
+        poses = robot.kinematics.poses(home.X)[0]
+        index = {k.name: i for i, k in enumerate(m.links)}
+        X_FS = np.linalg.inv(poses[index[link.father]]) @ poses[index[link.name]]
+        for stroke in np.linspace(*motion.range, 5):
+            moved = X_FS.copy()
+            moved[:3, 3] += moved[:3, "xyz".index(motion.axis)] * (stroke - home[motion.name])
+            assert gap(robot, link.father, link.name, moved) <= 0, (motion.name, stroke)
 
 
 @pytest.mark.parametrize("name", NAMES)

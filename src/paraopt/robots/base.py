@@ -223,6 +223,11 @@ def six_legs(
 # --- Arms that turn, and the rods that they push
 
 
+def name_drive(symbol: str, key: str) -> str:
+    """Name a variable by its symbol and the key of its leg: "theta1", but "theta a1"."""
+    return f"{symbol} {key}" if key[:1].isalpha() else f"{symbol}{key}"
+
+
 def arm_with_rods(
     key: str,
     base: str,
@@ -243,7 +248,7 @@ def arm_with_rods(
     outwards, level; it goes down as the angle grows. A rod hangs along -z of its frame, which turns about y and x.
 
     Args:
-        key: What follows "arm" and "theta" in the names.
+        key: What follows "arm" and "theta" in the names, after "theta" with a space when it begins with a letter.
         base: Name of the link that carries the arm.
         at: Its joint on that link [m].
         azimuth: Direction in which the arm points, about z [rad].
@@ -260,10 +265,10 @@ def arm_with_rods(
     Raises:
         DefinitionError: The arm and a rod cannot reach the platform at home.
     """
-    stem = f"arm {key}"
+    stem, drive = f"arm {key}", name_drive("theta", key)
     ey, ez = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0]), np.array([0.0, 0.0, 1.0])
     ex = np.cross(ey, ez)
-    links: list[Link] = [Series(stem, base, at, Revolute(f"theta{key}", axis="y"), rotation=(0, 0, azimuth))]
+    links: list[Link] = [Series(stem, base, at, Revolute(drive, axis="y"), rotation=(0, 0, azimuth))]
     closures: list[Closure] = []
     shapes: dict[str, list[Shape]] = {stem: [Capsule.between((0, 0, 0), (arm_length, 0, 0), radius, name=stem)]}
     places = [place for place, _ in rods.values()]
@@ -293,7 +298,7 @@ def arm_with_rods(
             theta = max((towards - opening, towards + opening), key=math.cos)
         along, down = u - arm_length * math.cos(theta), -w - arm_length * math.sin(theta)
         start |= {
-            f"theta{key}": theta,
+            drive: theta,
             # Ry(theta + a) Rx(b) (-e_z) = (-sin(theta + a) cos b, sin b, -cos(theta + a) cos b)
             f"{rod}.y": math.atan2(-along, down) - theta,
             f"{rod}.x": math.asin(v / rod_length),

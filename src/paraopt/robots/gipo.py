@@ -107,6 +107,7 @@ def gipo(
             father = f"{leg} {name}"
             servos.append(father)
         father, place = "ground", rest
+        inside = _mm((0, 15 * mirror, 0))  # the servo of the hip reaches into the trunk
         for axis in "xyz":
             reach: Range = (0.0, lift) if axis == "z" else (-1.0, 1.0)
             name = f"{leg} foot {axis}"
@@ -115,7 +116,7 @@ def gipo(
             carriers.append(name)
         closures.append(Coincidence(f"{leg} knee", tip, father, (0, 0, 0)))
         shapes |= {
-            f"{leg} hip": [Capsule.between((0, 0, 0), abduction, radius=0.009)],
+            f"{leg} hip": [Capsule.between(inside, abduction, radius=0.009)],
             f"{leg} abduction": [Capsule.between((0, 0, 0), knee, radius=0.01)],
             f"{leg} knee": [
                 Capsule.between((0, 0, 0), tip, radius=MM * FOOT_RADIUS, name=f"{leg} shin"),
@@ -156,13 +157,13 @@ def _trunk(head_and_tail: bool) -> dict[str, Sequence[Shape]]:
     }
     if head_and_tail:
         shapes |= {
-            "neck 1": [Capsule.between((0, 0, 0.02), _mm((0, 0, 67)), radius=0.012)],
+            "neck 1": [Capsule.between((0, 0, 0.01), _mm((0, 0, 67)), radius=0.012)],
             "neck 2": [Capsule.between((0, 0, 0), _mm((0, 0, 38)), radius=0.012)],
             "head": [
                 Box(size=(0.07, 0.05, 0.04), pose=transform((0.03, 0, 0.005)), name="head"),
             ],
-            "jaw": [Box(size=(0.04, 0.03, 0.008), pose=transform((0.02, 0, 0.01)), name="jaw")],
-            "tail": [Capsule.between((-0.09, 0, 0.02), (-0.13, 0, 0.08), radius=0.006)],
+            "jaw": [Box(size=(0.04, 0.03, 0.008), pose=transform((0.02, 0, 0.017)), name="jaw")],
+            "tail": [Capsule.between((-0.07, 0, 0), (-0.13, 0, 0.08), radius=0.006)],
         }
     return shapes
 

@@ -77,7 +77,8 @@ def gosselin_wrist(
         shapes["base"].append(motor)
         # the arcs run on two spheres, so that the legs may pass over each other
         elbow = Capsule.between(_scaled(_arc(proximal), outer), _scaled(_arc(proximal), radius), 0.04 * radius)
-        shapes[f"proximal {i}"] = [*_solid_arc(proximal, outer, 0.06 * radius), elbow]
+        shaft = Capsule.between((0, 0, outer), (0, 0, 1.5 * radius), 0.05 * radius)
+        shapes[f"proximal {i}"] = [*_solid_arc(proximal, outer, 0.06 * radius), elbow, shaft]
         tip = Capsule.between(pivot, _scaled(_arc(distal), inner), 0.04 * radius)
         shapes[f"distal {i}"] = [*_solid_arc(distal, radius, 0.06 * radius), tip]
         shapes["plate"].append(Capsule.between((0, 0, 0), _scaled(hold, inner), 0.05 * radius))

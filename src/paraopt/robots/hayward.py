@@ -10,7 +10,7 @@ import math
 from paraopt.mechanism import Base, Coincidence, Link, Mechanism, Prismatic, Series, Spherical, Universal
 from paraopt.robot import Robot
 from paraopt.robots.base import drive_limits
-from paraopt.shapes import Capsule, Cylinder, Shape
+from paraopt.shapes import Capsule, Cylinder, Shape, Sphere
 from paraopt.spatial import transform
 
 
@@ -55,8 +55,9 @@ def hayward_wrist(
     closures: list[Coincidence] = []
     shapes: dict[str, list[Shape]] = {
         "base": [
-            Cylinder(radius=1.15 * base_radius, length=0.01, pose=transform((0, 0, -0.02)), name="ground"),
-            Cylinder.between((0, 0, -0.015), (0, 0, height - 0.02), radius=0.008, name="post"),
+            Cylinder(radius=1.15 * base_radius, length=0.01, pose=transform((0, 0, -0.012)), name="ground"),
+            Cylinder.between((0, 0, -0.015), (0, 0, height - 0.005), radius=0.008, name="post"),
+            Sphere(radius=0.012, pose=transform((0, 0, height)), name="ball"),
         ],
         "plate": [
             Cylinder(radius=1.1 * plate_radius, length=0.008, pose=transform((0, 0, 0.004)), name="plate"),
@@ -65,18 +66,20 @@ def hayward_wrist(
     reach = math.sqrt(
         height**2 + base_radius**2 + plate_radius**2 - 2 * base_radius * plate_radius * math.cos(twist)
     )  # fmt: skip
-    body = 0.55 * reach
+    lengths = (0.7 * reach, 1.19 * reach)
+    body = 0.9 * lengths[0]
+    rod = lengths[1] - 0.9 * body  # at the longest a tenth of the body still holds it
     for i in range(1, 5):
         quarter = (i - 1) * math.pi / 2
         turn = quarter + (twist if i % 2 else -twist)
         foot = (base_radius * math.cos(turn), base_radius * math.sin(turn), 0.0)
         end = (plate_radius * math.cos(quarter), plate_radius * math.sin(quarter), 0.0)
-        stroke = Prismatic(f"q{i}", axis="z", range=(0.6 * reach, 1.4 * reach))
+        stroke = Prismatic(f"q{i}", axis="z", range=lengths)
         links.append(Series(f"cylinder {i}", "base", foot, Universal(f"cylinder {i}", axes=("x", "y"))))
         links.append(Series(f"rod {i}", f"cylinder {i}", joint=stroke))
         closures.append(Coincidence(f"rod {i}", (0, 0, 0), "plate", end))
         shapes[f"cylinder {i}"] = [Capsule.between((0, 0, 0), (0, 0, body), radius=0.008)]
-        shapes[f"rod {i}"] = [Capsule.between((0, 0, -body), (0, 0, 0), radius=0.004)]
+        shapes[f"rod {i}"] = [Capsule.between((0, 0, -rod), (0, 0, 0), radius=0.004)]
     mechanism = Mechanism(
         "Hayward's wrist", links, closures, active=tuple(f"q{i}" for i in range(1, 5)), operational=angles
     )

@@ -79,12 +79,12 @@ def _solids() -> dict[str, Sequence[Shape]]:
     """Give slender solids along the links; the fingers of the gripper end at the tool's point."""
     return {
         "base": [Cylinder(radius=0.05, length=0.04, pose=transform((0, 0, 0.02)), name="base")],
-        "link 1": [Cylinder.between((0, 0, -0.015), (0, 0, 0.013), radius=0.035)],
-        "link 2": [Capsule.between((0, 0, 0.03), _mm((0, 0, 121)), radius=0.015)],
+        "link 1": [Cylinder.between((0, 0, -0.02), (0, 0, 0.013), radius=0.035)],
+        "link 2": [Capsule.between((0, 0, 0), _mm((0, 0, 121)), radius=0.015)],
         "link 3": [Capsule.between((0, 0, 0), _mm((116, 0, 0)), radius=0.013)],
         "link 4": [Capsule.between((0, 0, 0), _mm((50, 0, 0)), radius=0.013)],
         "link 5": [
-            Box(size=(0.03, 0.06, 0.03), pose=transform((0.035, 0, 0)), name="gripper"),
+            Box(size=(0.05, 0.06, 0.03), pose=transform((0.025, 0, 0)), name="gripper"),
             Box(size=(0.085, 0.006, 0.02), pose=transform((0.0925, 0.022, 0)), name="left finger"),
             Box(size=(0.085, 0.006, 0.02), pose=transform((0.0925, -0.022, 0)), name="right finger"),
         ],

@@ -31,7 +31,7 @@ from paraopt.errors import DefinitionError, unknown_name
 from paraopt.kinematics import Configuration, Kinematics, compute_rank
 from paraopt.mechanism import Base, Closure, Joint, Link, Mechanism, Mobile, Prismatic, Revolute, Series, Weld
 from paraopt.robot import Limits, Robot
-from paraopt.shapes import Capsule, Shape
+from paraopt.shapes import Capsule, Cylinder, Shape
 
 Point = tuple[float, float]
 Triangle = tuple[Point, Point, Point]
@@ -107,7 +107,7 @@ def planar_platform(
         Capsule.between((*platform[i], 0), (*platform[i - 1], 0), 1.2 * radius, f"platform side {i + 1}")
         for i in range(3)
     ]
-    mechanism = Mechanism(f"{leg_1}-{leg_2}-{leg_3}", links, closures, active, ("x", "y", "theta"), planar=True)
+    mechanism = Mechanism(name_platform(leg_1, leg_2, leg_3), links, closures, active, ("x", "y", "theta"), planar=True)
     slides = [name for name in active if name.startswith("P")]
     sequences = [leg.replace("_", "") for leg in (leg_1, leg_2, leg_3)]
     return Robot(
@@ -126,6 +126,12 @@ def planar_platform(
             "idle": 0, "working modes": math.prod(_WORKING_MODES[s] for s in sequences),
         },
     )  # fmt: skip
+
+
+def name_platform(*legs: str) -> str:
+    """Name a machine by its legs, as "RRR-RRP-RPR driven at 1, 3, 2": the joints from the base, and which are driven."""
+    joints = "-".join(leg.replace("_", "") for leg in legs)
+    return f"{joints} driven at {', '.join(str(leg.index('_') + 1) for leg in legs)}"
 
 
 def planar_platforms(legs: Iterable[str] = LEG_TYPES) -> Iterator[tuple[str, str, str]]:
@@ -316,6 +322,8 @@ class _LegBuilder:
             else:
                 self._add_bar(shapes, self.at, length, self.turned, level)
                 self.at = self.at + _turn((length, 0.0), self.turned)
+        if self.link not in shapes:
+            self._add_pin(shapes, level)
         x, y = (self.at - _turn(hold, self.turned)).tolist()
         return Weld(self.link, "platform", at=(x, y), rotation=(0, 0, self.turned))
 
@@ -329,6 +337,12 @@ class _LegBuilder:
         links.append(Series(name, self.link, self.at.tolist(), joint, rotation=(0, 0, self.turned)))
         home[motion.name] = value
         self.link, self.at, self.turned = name, np.zeros(2), 0.0
+
+    def _add_pin(self, shapes: dict[str, list[Shape]], level: float) -> None:
+        """Give the last link, which only carries the hinge on the platform, the piece of its pin at the leg's level."""
+        x, y = self.at.tolist()
+        ends = [(x, y, level + side * self.radius) for side in (-1.0, 1.0)]
+        shapes[self.link] = [Cylinder.between(*ends, 0.6 * self.radius)]
 
     def _add_bar(
         self, shapes: dict[str, list[Shape]], start: Array, length: float, direction: float, level: float

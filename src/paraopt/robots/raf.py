@@ -60,7 +60,7 @@ def raf(
         links.append(Series(f"rod {i}", f"jack {i}", _mm((0, 0, JACK_BODY)), slide))
         closures.append(Coincidence(f"rod {i}", _mm((0, 0, JACK_TIP)), "platform", _mm(end)))
         shapes[f"jack {i}"] = [Capsule.between((0, 0, 0.02), _mm((0, 0, JACK_BODY)), radius=0.018)]
-        shapes[f"rod {i}"] = [Capsule.between((0, 0, -0.15), _mm((0, 0, JACK_TIP)), radius=0.009)]
+        shapes[f"rod {i}"] = [Capsule.between((0, 0, -0.21), _mm((0, 0, JACK_TIP)), radius=0.009)]
     for arm, (at, turn) in ARMS.items():
         links.append(Series(f"arm {arm}", "base", _mm(at), Revolute(f"arm {arm}", axis="x"), rotation=(0, 0, turn)))
         elbow, left, right = _mm((0, 52, 275)), _mm(FOREARM_AT_ARM["-"]), _mm(FOREARM_AT_ARM["+"])

@@ -1,6 +1,7 @@
 """The planar 3-RPR: a platform on three legs of variable length, in the two sets of dimensions that the sources study.
 
-Angles are counted from the x axis of the base. The legs run on three levels, so that they may cross.
+Angles are counted from the x axis of the base. The legs run on three levels, so that they may cross; the platform runs
+on a fourth.
 """
 
 from __future__ import annotations
@@ -33,6 +34,10 @@ def three_rpr(
     (60, -50, 0.6) lie on opposite sides of the parallel singularity. Lengths have no unit in the source and are called
     metres.
 
+    As solids, a leg is a barrel at the hinge and a rod that never leaves it. With strokes up to 1.7 times the shortest
+    the rod stays inside. Two solids cannot span longer strokes otherwise than by one of them sticking out: the rod then
+    runs through the barrel, as a rack through its pinion's housing, and out behind the hinge, on the level of its leg.
+
     Args:
         base: Hinges on the ground.
         platform: Hinges on the platform, in its frame.
@@ -56,13 +61,13 @@ def three_rpr(
         links.append(Series(f"leg {i}", "base", A, Revolute(f"phi{i}")))
         links.append(Series(f"rod {i}", f"leg {i}", joint=Prismatic(f"rho{i}", axis="x", range=strokes)))
         closures.append(Coincidence(f"rod {i}", (0, 0), "platform", b))
+        level = 3.0 * radius * i
         across, up = x + c * b[0] - s * b[1] - A[0], y + s * b[0] + c * b[1] - A[1]
-        length, level = math.hypot(across, up), 3.0 * radius * i
-        home |= {f"rho{i}": length, f"phi{i}": math.atan2(up, across)}
-        # strokes this long take a jack of several stages, whose first and last one are drawn
+        home |= {f"rho{i}": math.hypot(across, up), f"phi{i}": math.atan2(up, across)}
         barrel = 0.9 * strokes[0]
+        rod = max(barrel, strokes[1] - 0.8 * barrel)  # at the longest a fifth of the barrel still holds the rod
         shapes[f"leg {i}"] = [Capsule.between((0, 0, level), (barrel, 0, level), radius)]
-        shapes[f"rod {i}"] = [Capsule.between((-barrel, 0, level), (0, 0, level), 0.5 * radius)]
+        shapes[f"rod {i}"] = [Capsule.between((-rod, 0, level), (0, 0, level), 0.5 * radius)]
     links.append(Mobile("platform"))
     corners = np.column_stack([platform, np.zeros(3)])
     shapes["platform"] = [
@@ -92,7 +97,8 @@ def three_rpr_innocenti() -> Robot:
 
     A1 is the origin, A2 = (15.9, 0), A3 = (0, 10); the sides of the platform are B1B2 = 17.0, B2B3 = 16.5 and
     B3B1 = 20.8, with B3 to the left of the line from B1 to B2, which is the platform's x axis. Strokes from 10 to 32.
-    Home is near the fifth of the six solutions for the legs 15.0, 15.4, 12.0, one of those far from singularities.
+    Home is near the second of the six solutions for the legs 15.0, 15.4, 12.0: far from singularities, and no leg lies
+    along a side of the platform.
 
     Returns:
         The robot, as `three_rpr`.
@@ -105,7 +111,7 @@ def three_rpr_innocenti() -> Robot:
         base=((0.0, 0.0), (15.9, 0.0), (0.0, 10.0)),
         platform=((0.0, 0.0), (B1B2, 0.0), (along, math.sqrt(B3B1**2 - along**2))),
         strokes=(10.0, 32.0),
-        pose=(14.9, -1.3, 1.0),
+        pose=(-5.5, -13.9, -0.05),
         radius=0.3,
         name="3-RPR of Innocenti",
     )

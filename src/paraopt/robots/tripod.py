@@ -78,7 +78,7 @@ def tripod(
     closures: list[Closure] = []
     home: dict[str, float] = {**dict.fromkeys(POSE, 0.0), "z": height}
     shapes: dict[str, list[Shape]] = {
-        "base": [Cylinder(radius=1.6 * foot_radius, length=0.02, pose=transform((0, 0, -0.04)), name="ground")],
+        "base": [Cylinder(radius=1.6 * foot_radius, length=0.02, pose=transform((0, 0, -0.024)), name="ground")],
         "platform": [
             Cylinder(radius=0.9 * radius, length=0.02, name="platform"),
             Cylinder.between((0, 0, 0.01), (0, 0, 0.08), radius=0.03, name="spindle"),
@@ -89,6 +89,8 @@ def tripod(
     half_width = radius * math.sin(half_angle)
     centre = radius * math.cos(half_angle)
     length = math.hypot(foot_radius - centre, height)
+    body = 0.9 * stroke[0]
+    rod = stroke[1] - 0.95 * body  # at the longest the end of the body still holds it
     for i in LEGS:
         turn = (i - 1) * 2 * math.pi / 3
         at = (foot_radius * math.cos(turn), foot_radius * math.sin(turn), 0.0)
@@ -112,8 +114,8 @@ def tripod(
             links.append(Series(f"rod {side} {i}", f"actuator {side} {i}", joint=slide))
             closures.append(Coincidence(f"rod {side} {i}", (0, 0, 0), f"end {i}", (0, sign * half_width, 0)))
             home |= {f"pivot {side} {i}": 0.0, f"q{side} {i}": math.hypot(length, half_width)}
-            shapes[f"actuator {side} {i}"] = [Capsule.between((0, 0, 0), (0, 0, 0.55 * length), radius=0.012)]
-            shapes[f"rod {side} {i}"] = [Capsule.between((0, 0, -0.55 * length), (0, 0, 0), radius=0.006)]
+            shapes[f"actuator {side} {i}"] = [Capsule.between((0, 0, 0), (0, 0, body), radius=0.012)]
+            shapes[f"rod {side} {i}"] = [Capsule.between((0, 0, -rod), (0, 0, 0), radius=0.006)]
         shapes[f"foot {i}"] = [Sphere(radius=0.014)]
     actuators = [f"q{side} {i}" for i in LEGS for side in "LR"]
     mechanism = Mechanism("tripod", links, closures, actuators, operational)
@@ -128,6 +130,7 @@ def tripod(
             **{f"actuator {s} {i}": 0.8 for i in LEGS for s in "LR"},
             **{f"rod {s} {i}": 0.3 for i in LEGS for s in "LR"},
         },
+        contacts={("base", f"foot {i}"): "the foot stands on the ground" for i in LEGS},
         tool=("platform", (0, 0, -0.1)),
         source="Tripod (structure, conventions); all dimensions, strokes, drive limits, masses and solids are ours",
         # computed; six actuators and the six motions of a Stewart platform are the source's

@@ -77,7 +77,7 @@ def two_delta(
         closures.append(Coincidence(f"tie {i}", (0, 0, -length), "tool", end))
         way = (np.array(hold) + np.array((0, 0, tie_rise)) - np.array(end)) / length  # against the rod
         parts += Parts(
-            shapes={f"tie {i}": [Capsule.between((0, 0, -radius), (0, 0, radius - length), 0.4 * radius)]},
+            shapes={f"tie {i}": [Capsule.between((0, 0, 0), (0, 0, -length), 0.4 * radius)]},
             start={f"tie {i}.x": math.atan2(-way[1], way[2]), f"tie {i}.y": math.asin(way[0])},
         )
     corners += holds
@@ -100,7 +100,7 @@ def two_delta(
         masses={"carrier": 0.5, "ring": 0.5, "tool": 0.5},
         start={"carrier.z": height + neck, "ring.z": ring_z},
     )
-    drives = tuple(f"theta{stage}{i}" for stage in "ab" for i in (1, 2, 3))
+    drives = tuple(f"theta {stage}{i}" for stage in "ab" for i in (1, 2, 3))
     return Robot(
         Mechanism("2-delta", parts.links, parts.closures, drives, ("x", "y", "z", "alpha", "beta", "gamma")),
         home={**parts.start, "x": 0.0, "y": 0.0, "z": height, "alpha": 0.0, "beta": 0.0, "gamma": 0.0},
