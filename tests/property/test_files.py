@@ -22,6 +22,7 @@ from paraopt import mechanism as parts
 from paraopt.io.schema import CLOSURES, JOINTS, LINKS, SHAPES
 from paraopt.mechanism.closing_joints import perpendicular
 from paraopt.mechanism.closures import as_direction
+from paraopt.shapes import HalfSpace
 from support import five_bar_robot, raf_robot
 
 # one example takes a millisecond or a few, and there are many ways to be wrong
@@ -169,6 +170,19 @@ def test_the_machines_are_of_every_type() -> None:
     assert seen == {*LINKS.members, *JOINTS.members, *CLOSURES.members}
 
 
+BOX_TRIANGLES = np.array(
+    [(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4),
+     (2, 6, 7), (2, 7, 3), (0, 4, 6), (0, 6, 2), (1, 3, 7), (1, 7, 5)]
+)  # fmt: skip
+
+
+@st.composite
+def boxes(draw: st.DrawFn) -> np.ndarray:
+    """Draw the corners of a box, those of low x, y, z first."""
+    corners = np.array(np.meshgrid(*[(0.0, 1.0)] * 3, indexing="ij")).reshape(3, -1).T
+    return corners * draw(st.tuples(*[st.floats(1e-3, 1e3)] * 3)) + draw(st.tuples(*[st.floats(-10, 10)] * 3))
+
+
 @st.composite
 def shapes(draw: st.DrawFn, name: str) -> Any:
     """Draw a shape of any registered type, placed in any way."""
@@ -179,6 +193,12 @@ def shapes(draw: st.DrawFn, name: str) -> Any:
             values["size"] = draw(st.tuples(positive, positive, positive))
         elif field.name in ("radius", "length"):
             values[field.name] = draw(positive)
+        elif field.name == "vertices":
+            values["vertices"] = draw(boxes())
+        elif field.name == "triangles":
+            values["triangles"] = BOX_TRIANGLES
+        elif field.name == "parts":
+            values["parts"] = draw(st.sampled_from([[], [values["vertices"]]]))
     small = st.floats(-10, 10)
     vectors = st.tuples(small, small, small)
     way = draw(st.sampled_from(["nowhere", "at", "turned", "general", "between"]))
@@ -224,7 +244,8 @@ def words_of(robot: po.Robot) -> str:
     """Write out everything that a robot holds, numbers to the last bit."""
     bodies = {
         link: [
-            {f.name: np.asarray(v).tolist() if f.name in ("pose", "size") else v for f in dataclasses.fields(s)
+            {f.name: [np.asarray(part).tolist() for part in v] if f.name == "parts"
+             else v if f.name == "name" else np.asarray(v).tolist() for f in dataclasses.fields(s)
              for v in [getattr(s, f.name)]} | {"type": type(s).__name__}
             for s in carried
         ]
@@ -453,6 +474,8 @@ def test_junk_in_a_robot_is_refused_or_used(data: st.DataObject) -> None:
 @given(cls=st.sampled_from([m.cls for m in SHAPES.members.values()]), data=st.data())
 def test_junk_in_a_shape_is_refused_or_used(cls: type, data: st.DataObject) -> None:
     values: dict[str, Any] = {"size": (1, 1, 1), "radius": 1.0, "length": 1.0, "name": "a", "pose": np.eye(4)}
+    values |= {"vertices": np.array(np.meshgrid(*[(0.0, 1.0)] * 3, indexing="ij")).reshape(3, -1).T, "parts": ()}
+    values["triangles"] = BOX_TRIANGLES
     values = {f.name: values[f.name] for f in dataclasses.fields(cls)}
     poses = [np.eye(3), 1j * np.eye(4), 1e200 * np.eye(4), np.full((4, 4), 1e308), np.diag([1.0, 1.0, -1.0, 1.0])]
     for field in data.draw(st.lists(st.sampled_from(sorted(values)), min_size=1, max_size=2)):
@@ -462,4 +485,4 @@ def test_junk_in_a_shape_is_refused_or_used(cls: type, data: st.DataObject) -> N
     except po.DefinitionError:
         pass  # refused: anything else would end the test
     else:
-        assert 0.0 < scene.obstacles[0].bounding_radius < math.inf
+        assert (0.0 < scene.obstacles[0].bounding_radius < math.inf) or cls is HalfSpace

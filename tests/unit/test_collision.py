@@ -6,6 +6,7 @@ from collections.abc import Callable
 from itertools import combinations_with_replacement
 from typing import Any
 
+import coal
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,8 +17,9 @@ from scipy.spatial.transform import Rotation
 import paraopt as po
 from paraopt.scene.bounds import enclose, segment_distance
 from paraopt.scene.collision import CollisionModel
+from paraopt.scene.geometry import build_geometry
 from paraopt.scene.pairs import WORLD, Body, Pair
-from paraopt.shapes import Shape
+from paraopt.shapes import Cone, ConvexPolyhedron, HalfSpace, Mesh, Shape
 
 Array = np.ndarray
 # what coal is asked for [m]; distances between smooth solids come out about ten times worse at worst
@@ -57,6 +59,11 @@ def support(shape: Shape, direction: Array) -> Array:
         reach = shape.radius * np.hypot(local[:, 0], local[:, 1]) + np.abs(local[:, 2]) * shape.length / 2
     elif isinstance(shape, po.Capsule):
         reach = shape.radius + np.abs(local[:, 2]) * shape.length / 2
+    elif isinstance(shape, Cone):
+        apex, rim = local[:, 2] * shape.length / 2, shape.radius * np.hypot(local[:, 0], local[:, 1])
+        reach = np.maximum(apex, rim - apex)
+    elif isinstance(shape, ConvexPolyhedron):
+        reach = (local @ np.asarray(shape.vertices).T).max(axis=1)
     else:
         raise TypeError(shape)
     return direction @ shape.pose[:3, 3] + reach
@@ -196,6 +203,146 @@ def test_other_pairs(first: Shape, second: Shape, expected: float) -> None:
     assert measure(first, second)[0] == pytest.approx(expected, abs=1e-7)
 
 
+# --- Where there is no direction, and at contact
+
+
+ALL: dict[str, Callable[..., Shape]] = {
+    "box": lambda **o: po.Box(size=(0.4, 0.5, 0.6), **o),
+    "sphere": lambda **o: po.Sphere(radius=0.3, **o),
+    "cylinder": lambda **o: po.Cylinder(radius=0.3, length=0.8, **o),
+    "capsule": lambda **o: po.Capsule(radius=0.3, length=0.8, **o),
+    "cone": lambda **o: Cone(radius=0.3, length=0.8, **o),
+    "polyhedron": lambda **o: ConvexPolyhedron(vertices=0.3 * np.vstack([np.eye(3), -np.eye(3)]), **o),
+}
+PAIRS = list(combinations_with_replacement(ALL, 2))
+
+
+@pytest.mark.parametrize(("first", "second"), PAIRS, ids=["-".join(k) for k in PAIRS])
+@pytest.mark.parametrize("turn", [(0, 0, 0), (np.pi / 2, 0, 0), (0.3, 0.2, 0.1)], ids=["parallel", "crossed", "askew"])
+def test_solids_of_one_centre_have_a_depth_and_a_direction(
+    first: str, second: str, turn: tuple[float, float, float]
+) -> None:
+    """The distance is proved from one side by the direction: a shift along it parts the solids."""
+    a, b = ALL[first](), ALL[second](pose=at(rotation=turn))
+    distance, _, normal = measure(a, b)  # which checks that the normal is one, and that the points lie along it
+    assert distance < -0.1
+    # depths of round solids deep in each other are known to some 1e-4
+    assert gap_along(a, b, normal[None])[0] == pytest.approx(distance, abs=5e-4)
+
+
+@pytest.mark.parametrize("first", ALL)
+@pytest.mark.parametrize("second", ALL)
+def test_at_contact_the_distance_is_zero_and_the_normal_parts_them(first: str, second: str) -> None:
+    """Along x, where every one of these solids has its farthest point on the axis or a face across it."""
+    x = np.array([[1.0, 0.0, 0.0]])
+    turned = {kind: at(rotation=(0, np.pi / 2, 0)) if kind == "cone" else at() for kind in ALL}
+    a = ALL[first](pose=turned[first])
+    way = support(a, x)[0] + support(ALL[second](pose=turned[second]), -x)[0]
+    b = ALL[second](pose=at(float(way)) @ turned[second])
+    distance, points, normal = measure(a, b)
+    assert distance == pytest.approx(0.0, abs=2e-9)
+    # corners on faces and on each other have many normals; each of them parts the solids
+    assert gap_along(a, b, normal[None])[0] == pytest.approx(0.0, abs=1e-5)
+    assert points[0] @ x[0] == pytest.approx(float(support(a, x)[0]), abs=1e-8)
+    # a little way to both sides
+    apart, deep = (measure(a, ALL[second](pose=at(float(way) + s) @ turned[second]))[0] for s in (1e-4, -1e-4))
+    assert apart == pytest.approx(1e-4, abs=1e-8)
+    # where corners meet, a slanted way out is shorter
+    assert -1e-4 - 1e-8 < deep < -5e-5
+
+
+@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("height", [0.7, -0.05])
+@pytest.mark.parametrize("plane_first", [True, False])
+def test_half_spaces(kind: str, height: float, plane_first: bool) -> None:
+    """The distance is the height of the lowest point, however the solid stands and however deep it is."""
+    X = at(0.2, 0.1, -0.3, (0.4, -0.2, 0.3))
+    solid = ALL[kind](pose=X @ at(0.3, -0.2, height, (0.5, 0.6, 0.7)))
+    plane = HalfSpace(pose=X)
+    down = -X[:3, 2]
+    expected = float(-down @ X[:3, 3] * -1 - support(solid, down[None])[0])
+    pair = (plane, solid) if plane_first else (solid, plane)
+    distance, points, normal = measure(*pair)
+    assert distance == pytest.approx(expected, abs=1e-7)
+    assert_allclose(normal, -down if plane_first else down, atol=1e-6)
+    on_plane = np.linalg.inv(X) @ [*points[0 if plane_first else 1], 1.0]
+    assert on_plane[2] == pytest.approx(0.0, abs=1e-9)
+    bound_model, placed = model_of(*pair)
+    assert bound_model.lower_bounds(placed)[0, 0] <= distance + 1e-9
+
+
+def test_two_half_spaces_are_refused() -> None:
+    with pytest.raises(po.DefinitionError, match="body 0 / body 1 are two half-spaces"):
+        model_of(HalfSpace(), HalfSpace())
+
+
+def bracket(**options: Any) -> Mesh:
+    """An L of two boxes: a long foot along x, and a wall upwards at x = 0."""
+    outline = np.array([(0, 0), (1, 0), (1, 0.2), (0.2, 0.2), (0.2, 1), (0, 1)])
+    vertices = np.array([(x, y, z) for y in (0.0, 0.5) for x, z in outline])
+    front = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
+    sides = [(k, k + 6, (k + 1) % 6 + 6) for k in range(6)] + [(k, (k + 1) % 6 + 6, (k + 1) % 6) for k in range(6)]
+    triangles = front + [(a + 6, c + 6, b + 6) for a, b, c in front] + sides
+    corners = np.array(np.meshgrid((0, 1), (0, 0.5), (0, 1.0))).reshape(3, -1).T
+    parts = [corners * (1, 1, 0.2), corners * (0.2, 1, 1)]
+    return Mesh(vertices=vertices, triangles=triangles, parts=parts, **options)
+
+
+def test_a_mesh_is_as_near_as_its_nearest_part() -> None:
+    random, X = np.random.default_rng(3), at(0.1, 0.2, 0.3, (0.3, 0.2, 0.1))
+    mesh = bracket(pose=X)
+    foot = po.Box(size=(1, 0.5, 0.2), pose=X @ at(0.5, 0.25, 0.1))
+    wall = po.Box(size=(0.2, 0.5, 1), pose=X @ at(0.1, 0.25, 0.5))
+    inside = 0
+    for _ in range(100):
+        ball = po.Sphere(radius=0.1, pose=X @ at(*random.uniform(-0.3, 1.2, 3)))
+        expected = min(measure(foot, ball)[0], measure(wall, ball)[0])
+        assert measure(mesh, ball)[0] == pytest.approx(expected, abs=1e-6)
+        assert measure(ball, mesh)[0] == pytest.approx(expected, abs=1e-6)
+        model, placed = model_of(mesh, ball)
+        assert model.lower_bounds(placed)[0, 0] <= expected + 1e-6
+        inside += expected < 0
+    assert 5 < inside < 95
+    # in the hollow of the L, which the hull of the whole would fill
+    free = po.Sphere(radius=0.1, pose=X @ at(0.5, 0.25, 0.5))
+    assert measure(mesh, free)[0] == pytest.approx(0.2, abs=1e-8)
+    assert measure(ConvexPolyhedron(vertices=mesh.vertices, pose=X), free)[0] < 0
+
+
+def test_two_meshes() -> None:
+    one, other = bracket(), bracket(pose=at(1.5, 0, 0.5, (0, np.pi, 0)))
+    # the feet lie at z < 0.2 and z > 0.3, over each other from x = 0.5 to 1; the walls are farther off
+    assert measure(one, other)[0] == pytest.approx(0.1, abs=1e-8)
+
+
+# --- Conventions of coal itself, which have changed over time: what is relied upon
+
+
+def ask_coal(first: Shape, second: Shape) -> Any:
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    request.enable_signed_distance = True
+    X_A, X_B = (coal.Transform3s(s.pose[:3, :3].copy(), s.pose[:3, 3].copy()) for s in (first, second))
+    geometries = build_geometry(first), build_geometry(second)  # coal keeps no reference of its own
+    value = coal.ComputeDistance(*geometries)(X_A, X_B, request, result)
+    return value, np.array(result.normal), np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
+
+
+@pytest.mark.parametrize("kind", [k for k in ALL if k != "sphere"])
+@pytest.mark.parametrize("gap", [0.3, -0.05])
+def test_coal_says_what_the_room_says(kind: str, gap: float) -> None:
+    """Signed distance, normal from the first to the second, witness points in the world in the order of the bodies."""
+    solid = ALL[kind](pose=at(rotation=(0, np.pi / 2, 0)))
+    ball = po.Sphere(radius=0.2, pose=at(float(support(solid, np.array([[1.0, 0, 0]]))[0]) + 0.2 + gap))
+    if kind == "cone" and gap < 0:
+        pytest.skip("the shortest way out of a tip is not along its axis")
+    for first, second, sign in ((solid, ball, 1.0), (ball, solid, -1.0)):
+        value, normal, p, q = ask_coal(first, second)
+        assert value == pytest.approx(gap, abs=1e-5)
+        assert_allclose(normal, (sign, 0, 0), atol=1e-3)
+        assert_allclose(q - p, gap * normal, atol=1e-4)
+        assert_allclose((p if first is solid else q)[0], support(solid, np.array([[1.0, 0, 0]]))[0], atol=1e-4)
+
+
 # --- Random solids of all kinds
 
 
@@ -211,6 +358,10 @@ DRAW: dict[str, Callable[[np.random.Generator, Array], Shape]] = {
     "sphere": lambda r, X: po.Sphere(radius=r.uniform(0.01, 0.3), pose=X),
     "cylinder": lambda r, X: po.Cylinder(radius=r.uniform(0.01, 0.3), length=r.uniform(0.02, 0.8), pose=X),
     "capsule": lambda r, X: po.Capsule(radius=r.uniform(0.01, 0.3), length=r.uniform(0.02, 0.8), pose=X),
+    "cone": lambda r, X: Cone(radius=r.uniform(0.01, 0.3), length=r.uniform(0.02, 0.8), pose=X),
+    "polyhedron": lambda r, X: ConvexPolyhedron(
+        vertices=r.normal(size=(r.integers(4, 20), 3)) * r.uniform(0.02, 0.3, 3), pose=X
+    ),
 }
 KINDS = list(combinations_with_replacement(DRAW, 2))
 
@@ -278,6 +429,11 @@ def boundary(shape: Shape, random: np.random.Generator) -> Array:
     if isinstance(shape, po.Box):
         corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
         return np.vstack([corners, random.uniform(-1, 1, (n, 3))]) * np.asarray(shape.size) / 2
+    if isinstance(shape, ConvexPolyhedron):
+        return np.asarray(shape.vertices)
+    if isinstance(shape, Cone):
+        rim = shape.radius * ring - (0, 0, shape.length / 2)
+        return np.vstack([rim, (0, 0, shape.length / 2), rim * random.uniform(0, 1, (n, 1))])
     if isinstance(shape, po.Cylinder):
         return shape.radius * ring + np.outer(random.choice([-1, 1], n), (0, 0, shape.length / 2))
     ball = random.normal(size=(n, 3))

@@ -62,13 +62,14 @@ from paraopt.mechanism import (
 )
 from paraopt.mechanism.links import FREE_COORDINATES
 from paraopt.robot import PLATFORM_LIMITS, Limits, Robot
-from paraopt.shapes import Box, Capsule, Cylinder, Sphere
+from paraopt.shapes import Box, Capsule, Cone, ConvexPolyhedron, Cylinder, HalfSpace, Mesh, Sphere
 from paraopt.spatial import AXES, segment_pose, transform
 
 POINT = Vector("length", (2, 3))
 ANGLES = Vector("angle", (3,))
 WORDS = Items(Text(), "an array of strings")
 LENGTH = Number("length")
+CORNERS = Items(Vector("length", (3,)), "an array of points")
 
 # the kind of a field, by its name, in every type that does not say otherwise
 FIELDS: dict[str, Codec] = {
@@ -84,6 +85,9 @@ FIELDS: dict[str, Codec] = {
     **{f"{word}_{side}": Direction() for word, side in product(("axis", "normal", "direction"), "AB")},
     **{key: LENGTH for key in ("spread", "radius", "length")},
     "size": Vector("length", (3,)),
+    "vertices": CORNERS,
+    "triangles": Items(Items((Whole(),) * 3, "an array of three whole numbers"), "an array of triangles"),
+    "parts": Items(CORNERS, "an array of arrays of points"),
 }
 
 
@@ -113,10 +117,6 @@ class Solid(Record):
     def keys(self) -> list[str]:
         between = ["between"] if hasattr(self.cls, "between") else []
         return [*super().keys, "at", "rotation", *between, "pose"]
-
-    @property
-    def required(self) -> list[str]:
-        return [name for name in self.codecs if name != "name"]
 
     def read(self, value: Any, place: Place, **given: Any) -> Any:
         if not isinstance(value, Mapping) or not {"at", "rotation", "between", "pose"} & set(value):
@@ -243,7 +243,19 @@ CLOSURES = family(
         record(LineContact),
     ],
 )
-SHAPES = family("shape", [solid(Box), solid(Sphere), solid(Cylinder), solid(Capsule)])
+SHAPES = family(
+    "shape",
+    [
+        solid(Box),
+        solid(Sphere),
+        solid(Cylinder),
+        solid(Capsule),
+        solid(Cone),
+        solid(HalfSpace),
+        solid(ConvexPolyhedron),
+        solid(Mesh),
+    ],
+)
 
 
 @dataclass(frozen=True)

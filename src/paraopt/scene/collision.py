@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from paraopt.errors import BackendError, DefinitionError
 from paraopt.scene.bounds import enclose, segment_distance
 from paraopt.scene.cable import Cable, shorten_segments
-from paraopt.scene.exact import measure_point_and_cylinder, pose_segments, repair_normals
+from paraopt.scene.exact import measure_point_and_cylinder, part_cores, pose_segments
 from paraopt.scene.geometry import Cell, list_cells
 from paraopt.scene.pairs import WORLD, Body, Pair
 from paraopt.scene.segments import measure_segments, stack_hulls
-from paraopt.shapes import Cylinder, HalfSpace, Sphere
+from paraopt.shapes import Capsule, Cylinder, HalfSpace, Sphere
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -135,6 +135,10 @@ class CollisionModel:
         self._is_ball = np.array([isinstance(c.shape, Sphere) for c in cells], dtype=bool)
         sizes = [(getattr(c.shape, "radius", np.nan), getattr(c.shape, "length", np.nan)) for c in cells]
         self._radius, self._length = np.array(sizes, dtype=float).reshape(-1, 2).T
+        # of pairs of balls, capsules and cables the sum of the radii, which is their depth where their cores meet
+        rounded = np.array([isinstance(c.shape, (Sphere, Capsule, Cable)) for c in cells], dtype=bool)
+        both = rounded[self._element_cells].all(axis=0)
+        self._round_radii = np.where(both, self._radius[self._element_cells].sum(axis=0), np.inf)
 
     def place(self, poses: Array) -> Placement:
         """Place every body in the world.
@@ -254,7 +258,17 @@ class CollisionModel:
                 normals[i] = result.normal
         except (RuntimeError, ValueError) as error:
             raise BackendError(f"coal failed on the pair {self._name(element)}: {error}") from error
-        repair_normals(distances, points, normals, X_A, X_B)
+        together = distances + self._round_radii[elements] < 1e-9
+        if np.any(together):
+            cells = self._element_cells[:, elements[together]].T
+            axes = np.stack([X_A[together, :3, 2], X_B[together, :3, 2]], axis=1)
+            axes[self._is_ball[cells]] = 0.0
+            way, out = points[together], normals[together]
+            part_cores(way, out, self._radius[cells], axes)
+            points[together], normals[together] = way, out
+        lost = np.flatnonzero(~(np.abs(np.einsum("ki,ki->k", normals, normals) - 1.0) < 1e-6))
+        if lost.size:
+            raise BackendError(f"coal found no direction for the pair {self._name(int(elements[lost[0]]))}")
 
     def _name(self, element: int) -> str:
         return self.pairs[int(self._element_pair[element])].name

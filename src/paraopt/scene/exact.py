@@ -65,25 +65,21 @@ def find_perpendicular(z: Array) -> Array:
     return np.asarray(x / np.linalg.norm(x, axis=-1, keepdims=True))
 
 
-def repair_normals(distances: Array, points: Array, normals: Array, X_A: Array, X_B: Array) -> None:
-    """Give a normal to those pairs for which coal has none: bodies whose cores cross, such as the axes of two capsules.
+def part_cores(points: Array, normals: Array, radii: Array, axes: Array) -> None:
+    """Give a direction to balls and capsules whose cores (centres, axes) meet, where coal has none or a wrong one.
 
-    Any direction normal to both axes parts them by the same way; the witness points are put along it.
+    Any direction normal to both axes parts them by the same, shortest way.
 
     Args:
-        distances: Signed distances [m], shape (k,).
         points: Witness points [m], shape (k, 2, 3); corrected in place.
-        normals: Normals, shape (k, 3); corrected in place.
-        X_A: Poses of the first bodies, shape (k, 4, 4).
-        X_B: Poses of the second bodies.
+        normals: Normals, zero or a unit vector, shape (k, 3); corrected in place.
+        radii: Radii of both bodies [m], shape (k, 2).
+        axes: Unit vectors along both, zero for balls, shape (k, 2, 3).
     """
-    lost = np.flatnonzero(~(np.abs(np.einsum("ki,ki->k", normals, normals) - 1.0) < 1e-6))
-    if not lost.size:
-        return
-    z_A, z_B = X_A[lost, :3, 2], X_B[lost, :3, 2]
-    across = np.cross(z_A, z_B)
+    middle = points[:, 0] - radii[:, :1] * normals
+    across = np.cross(axes[:, 0], axes[:, 1])
     size = np.linalg.norm(across, axis=1, keepdims=True)
-    normals[lost] = np.where(size > 1e-9, across / np.maximum(size, 1e-300), find_perpendicular(z_A))
-    middle = points[lost].mean(axis=1)
-    half = 0.5 * distances[lost, None] * normals[lost]
-    points[lost] = np.stack([middle - half, middle + half], axis=1)
+    one = np.where(np.any(axes[:, 0] != 0.0, axis=1)[:, None], axes[:, 0], axes[:, 1])
+    one[~np.any(one != 0.0, axis=1)] = (0.0, 0.0, 1.0)
+    normals[:] = np.where(size > 1e-9, across / np.maximum(size, 1e-300), find_perpendicular(one))
+    points[:] = middle[:, None] + np.stack([radii[:, :1] * normals, -radii[:, 1:] * normals], axis=1)
