@@ -148,3 +148,16 @@ def test_faulty_questions_are_refused(options: dict[str, Any], word: str) -> Non
 def test_faulty_axes_are_refused(axes: dict[str, Any], word: str) -> None:
     with pytest.raises(po.DefinitionError, match=word):
         po.map_conditioning(symmetric().kinematics, axes, symmetric().home_configuration)
+
+
+def test_what_is_isotropic_already_is_returned() -> None:
+    """B of a machine whose legs stretch is a rotation everywhere: each leg has one equation and one drive."""
+    robot = po.robots.three_rpr()
+    kinematics = po.Kinematics(robot.mechanism, "virtual machine")
+    start = kinematics.inverse({"x": 5.0, "y": 3.0, "theta": 0.5}, robot.home).configuration
+    found = po.kinematics.find_isotropic(kinematics, start, "B")
+    assert found.is_isotropic
+    assert found.configuration is start
+    # a value that the start has not is still imposed
+    elsewhere = po.kinematics.find_isotropic(kinematics, start, "A", fixed={"theta": 0.9})
+    assert elsewhere.configuration["theta"] == pytest.approx(0.9, abs=1e-9)

@@ -359,6 +359,20 @@ def test_fichter_pose_of_a_stewart_platform() -> None:
     assert po.report_singularities(kinematics, stewart_at(kinematics, 0, 0, 1.1, 0, 0, 0.3)).kind == "regular"
 
 
+def test_twists_are_seen_from_the_world() -> None:
+    """Linear and angular velocity of the platform, from two poses a small step apart."""
+    kinematics = stewart(FEET)
+    cfg = stewart_at(kinematics, 0.1, -0.1, 1.2, 0.3, 0.5, -0.4)
+    motion = po.report_singularities(kinematics, cfg).parallel.motion
+    velocity = np.array([motion.velocities[n] for n in kinematics.mechanism.names])
+    index = [link.name for link in kinematics.mechanism.links].index("platform")
+    before, after = (kinematics.poses(cfg.X + h * velocity)[0, index] for h in (-1e-5, 1e-5))
+    assert_allclose(motion.twist[:3], (after - before)[:3, 3] / 2e-5, atol=1e-8)
+    spin = (after - before)[:3, :3] / 2e-5 @ (0.5 * (after + before))[:3, :3].T
+    assert_allclose(motion.twist[3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-8)
+    assert np.linalg.norm(motion.twist[3:]) > 0.1
+
+
 # --- Delta, with the shifted elbows
 
 

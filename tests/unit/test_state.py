@@ -548,3 +548,29 @@ def test_two_drives_for_three_freedoms_are_too_few() -> None:
     assert (report.useful_mobility, report.condition("II.25").holds) == (3, False)
     assert report.is_under_actuated
     assert "under-actuated" in report.kind
+
+
+def test_a_serial_singularity_breaks_ii_27_alone() -> None:
+    kinematics = five_bar_robot().kinematics
+    cfg = kinematics.solve({"theta1": 1.0, "theta3": 0.0}, {"theta1": 1.0, "theta2": 0.6, "theta4": 1.9, "x": 7.0})
+    report = po.report_state(kinematics, cfg.configuration)
+    assert {c.name: c.holds for c in report.conditions} == {
+        "II.22": True, "II.23": True, "II.24": False, "II.25": False, "II.26": True, "II.27": False,
+    }  # fmt: skip
+
+
+def test_every_angle_that_takes_part_in_a_spin_is_idle() -> None:
+    """A rod between two ball joints spins about itself; when its own axis does not come last, all three angles turn."""
+    links: list[po.mechanism.Link] = [po.Base(), po.Mobile("tip", ("x", "y", "z"))]
+    closures = []
+    for i, foot in enumerate(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), start=1):
+        links.append(po.Series(f"leg {i}", "base", foot, po.Spherical(f"leg {i}", order="zyx")))
+        links.append(po.Series(f"rod {i}", f"leg {i}", joint=po.Prismatic(f"q{i}", "z")))
+        closures.append(po.Coincidence(f"rod {i}", (0, 0, 0), "tip", (0, 0, 0)))
+    mechanism = po.Mechanism("point on three rods", links, closures, ("q1", "q2", "q3"), ("x", "y", "z"))
+    kinematics = po.Kinematics(mechanism, "virtual machine")
+    start = {"q1": 1.0, "q2": 1.0, "q3": 1.0, "leg 1.y": 0.3, "leg 2.y": -0.4, "leg 3.x": 0.4}
+    report = po.report_state(kinematics, kinematics.inverse({"x": 0.4, "y": 0.3, "z": 0.9}, start).configuration)
+    assert (report.mobility, report.internal_mobility) == (6, 3)
+    assert set(report.idle) == {f"leg {i}.{axis}" for i in (1, 2, 3) for axis in "xyz"}
+    assert report.kind == "as many drives as freedoms"

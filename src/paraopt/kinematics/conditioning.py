@@ -148,12 +148,16 @@ def find_isotropic(
         lower[i] = upper[i] = value / scale[i]
     model = eliminate_passives(kinematics, start)
     size = model.A.shape if matrix == "A" else model.B.shape
-    if not (model.condition_A if matrix == "A" else model.condition_B) < 1e12 or size[0] < size[1]:
+    here = model.condition_A if matrix == "A" else model.condition_B
+    if not here < 1e12 or size[0] < size[1]:
         raise SolveError(
             f"{matrix} of {mechanism.name!r} has shape {size} and is singular at the start: it has no condition number "
             "there; start at a regular configuration",
             model=model,
         )
+    inside = bool(np.all((lower <= start.X / scale) & (start.X / scale <= upper)))
+    if inside and here < 1.0 + 1e-8:  # nothing to gain: some machines have a matrix that is isotropic everywhere
+        return Isotropy(start, here, matrix, True, 0)
     z = ca.SX.sym("z", len(scale))
     (E0,) = kinematics.functions.scaled_jacobian(start.X)
     rows = independent_rows(E0).tolist()

@@ -51,7 +51,7 @@ def delta(
     Raises:
         DefinitionError: The arms cannot reach the platform at home.
 
-    Source: Chablat1998, 3.4.7; Lahouar, I.2.
+    Source: Chablat1998, 3.4.7; Lahouar, I.2; Clavel1988.
     """
     legs = delta_legs(
         "base", "platform", base_radius, platform_radius, arm_length, rod_length, spacing, (0, 0, height), radius,

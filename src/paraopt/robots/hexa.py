@@ -51,7 +51,7 @@ def hexa(
     Raises:
         DefinitionError: An arm cannot reach the platform at home.
 
-    Source: Lahouar, I.2; Chablat1998, 3.2.2.
+    Source: Lahouar, I.2; Chablat1998, 3.2.2; PierrotDauchezFournier1991.
     """
     legs = Parts()
     for i in range(1, 7):

@@ -43,7 +43,7 @@ def lee(
     Raises:
         DefinitionError: The stroke is too long for the legs.
 
-    Source: Lahouar, I.2.
+    Source: Lahouar, I.2; LeeShah1988.
     """
     links: list[Link] = [Base(), Mobile("platform")]
     closures: list[Closure] = []

@@ -129,7 +129,7 @@ def planar_platform(
 
 
 def name_platform(*legs: str) -> str:
-    """Name a machine by its legs, as "RRR-RRP-RPR driven at 1, 3, 2": the joints from the base, and which are driven."""
+    """Name a machine by its legs, as "RRR-RRP-RPR driven at 1, 3, 2": joints from the base, and which are driven."""
     joints = "-".join(leg.replace("_", "") for leg in legs)
     return f"{joints} driven at {', '.join(str(leg.index('_') + 1) for leg in legs)}"
 

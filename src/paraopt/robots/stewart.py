@@ -48,7 +48,7 @@ def stewart(
     Raises:
         DefinitionError: There are not six points, or the stroke is too long for the legs.
 
-    Source: Lahouar, II.3; Lahouar, annex B.
+    Source: Lahouar, II.3; Lahouar, annex B; Stewart1965; GoughWhitehall1962.
     """
     legs = six_legs("base", base_points, "platform", platform_points, height, stroke, radius, "", spherical_base)
     wide = max(math.hypot(p[0], p[1]) for p in base_points) + 2 * radius

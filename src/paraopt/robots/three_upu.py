@@ -46,7 +46,7 @@ def three_upu(
     Raises:
         DefinitionError: The stroke is too long for the legs.
 
-    Source: Lahouar, I.2.
+    Source: Lahouar, I.2; Tsai1996.
     """
     links: list[Link] = [Base(), Mobile("platform")]
     closures: list[Closure] = []
