@@ -29,15 +29,25 @@ _HEADER = r"""
 #define PARAOPT_EXPORT
 #endif
 """
-# one point, and the loop over a batch: argument k of sample i starts at in[k] + i*in_step[k]
+# one point, and the loop over a batch: argument k of sample i starts at in[k] + i*in_step[k]; of an output that is not
+# full the entries are computed side by side and then written to their places, and its zeros are left alone
 _DRIVER = r"""
+%(tables)s
 static int %(name)s_run(long long n, const double** in, const long long* in_step,
-                       double** out, const long long* out_step, casadi_int* iw, double* w) {
+                       double** out, const long long* out_step, casadi_int* iw, double* w, double* nz) {
   const double* arg[%(sz_arg)d + 1]; double* res[%(sz_res)d + 1]; long long i; int k, flag = 0;
   for (i = 0; i < n && !flag; ++i) {
     for (k = 0; k < %(n_in)d; ++k) arg[k] = in[k] + (in_step ? i*in_step[k] : 0);
-    for (k = 0; k < %(n_out)d; ++k) res[k] = out[k] + (out_step ? i*out_step[k] : 0);
+    for (k = 0; k < %(n_out)d; ++k)
+      res[k] = %(name)s_at[k] ? nz + %(name)s_first[k] : out[k] + (out_step ? i*out_step[k] : 0);
     flag = %(name)s(arg, res, iw, w, 0);
+    for (k = 0; k < %(n_out)d && !flag; ++k) {
+      const int* at = %(name)s_at[k]; const double* from = nz + %(name)s_first[k];
+      double* to = out[k] + (out_step ? i*out_step[k] : 0); int j, count;
+      if (!at) continue;
+      count = %(name)s_first[k+1] - %(name)s_first[k];
+      for (j = 0; j < count; ++j) to[at[j]] = from[j];
+    }
   }
   return flag;
 }
@@ -45,13 +55,14 @@ PARAOPT_EXPORT int %(name)s_batch(long long n, const double** in, const long lon
                                   double** out, const long long* out_step) {
   int flag = -1;
 #if %(on_stack)d
-  casadi_int iw[%(sz_iw)d + 1]; double w[%(sz_w)d + 1];
-  flag = %(name)s_run(n, in, in_step, out, out_step, iw, w);
+  casadi_int iw[%(sz_iw)d + 1]; double w[%(sz_w)d + 1], nz[%(nnz)d + 1];
+  flag = %(name)s_run(n, in, in_step, out, out_step, iw, w, nz);
 #else
   casadi_int* iw = (casadi_int*) malloc((%(sz_iw)d + 1)*sizeof(casadi_int));
   double* w = (double*) malloc((%(sz_w)d + 1)*sizeof(double));
-  if (iw && w) flag = %(name)s_run(n, in, in_step, out, out_step, iw, w);
-  free(iw); free(w);
+  double* nz = (double*) malloc((%(nnz)d + 1)*sizeof(double));
+  if (iw && w && nz) flag = %(name)s_run(n, in, in_step, out, out_step, iw, w, nz);
+  free(iw); free(w); free(nz);
 #endif
   return flag;
 }
@@ -197,9 +208,34 @@ def generate_source(functions: Sequence[ca.Function]) -> str:
     drivers = []
     for function in functions:
         sizes = {key: getattr(function, key)() for key in ("n_in", "n_out", "sz_arg", "sz_res", "sz_iw", "sz_w")}
-        on_stack = int(sizes["sz_w"] + sizes["sz_iw"] <= _STACK)
-        drivers.append(_DRIVER % {"name": function.name(), "on_stack": on_stack, **sizes})
+        tables, nnz = _write_tables(function)
+        on_stack = int(sizes["sz_w"] + sizes["sz_iw"] + nnz <= _STACK)
+        drivers.append(_DRIVER % {"name": function.name(), "on_stack": on_stack, "tables": tables, "nnz": nnz, **sizes})
     return _straighten(generator.dump()) + _HEADER + "".join(drivers)
+
+
+def _write_tables(function: ca.Function) -> tuple[str, int]:
+    """Write the tables that tell where each non-zero entry goes in the full, row-major output; full outputs need none.
+
+    Args:
+        function: A function whose outputs are transposed: their columns are the rows that are wanted.
+
+    Returns:
+        The C text, and the number of entries of the outputs that are not full.
+    """
+    name, lines, names, first = function.name(), [], [], [0]
+    for k in range(function.n_out()):
+        pattern = function.sparsity_out(k)
+        full = pattern.is_dense()
+        names.append("0" if full else f"{name}_at{k}")
+        first.append(first[-1] + (0 if full else pattern.nnz()))
+        if not full:
+            rows, columns = pattern.get_triplet()
+            at = [c * pattern.size1() + r for r, c in zip(rows, columns, strict=True)] or [0]
+            lines.append(f"static const int {name}_at{k}[] = {{{', '.join(map(str, at))}}};")
+    lines.append(f"static const int* const {name}_at[] = {{{', '.join([*names, '0'])}}};")
+    lines.append(f"static const int {name}_first[] = {{{', '.join(map(str, first))}}};")
+    return "\n".join(lines), first[-1]
 
 
 def generate_newton(opening: ca.Function, correcting: ca.Function, scale: Sequence[float], name: str) -> str:

@@ -124,7 +124,7 @@ class CompiledFunction:
             self._point_entry = getattr(library, f"{self.name}_point")
             self._point_entry.argtypes = [ctypes.c_void_p]
             return
-        self._function = _row_major(function)
+        self._function = _make_full(_row_major(function))
         self._chunk = 64
         self._single = self._function.buffer()
         self._mapped = self._function.map(self._chunk)
@@ -190,7 +190,7 @@ class CompiledFunction:
             raise DefinitionError(f"inputs of {self.name} have {counts} points; they must agree, or be one for all")
         n = several.pop() if several else 1
         steps = [0 if count == 1 else size for count, size in zip(counts, self._in_sizes, strict=True)]
-        results = [np.empty((n, size)) for size in self._out_sizes]
+        results = [np.zeros((n, size)) for size in self._out_sizes]  # compiled code writes the non-zero entries only
         self._run(n, arrays, steps, results)
         return tuple(r if s[1] == 1 else r.reshape(n, *s) for r, s in zip(results, self.out_shapes, strict=True))
 
@@ -211,6 +211,8 @@ class CompiledFunction:
             for k, array in enumerate(outputs):
                 buffer.set_res(k, array.reshape(-1).data)
             return run, (buffer, inputs, outputs)
+        for array in outputs:
+            array.fill(0.0)  # compiled code writes the non-zero entries only
         arguments = _pointers(inputs), _pointers(outputs)
         both = (ctypes.c_void_p * 2)(*[ctypes.addressof(a) for a in arguments])
         # no frame of Python's own between the caller and the compiled code: it would cost as much as a small function
@@ -249,7 +251,8 @@ class BoundFunction:
 
     Attributes:
         inputs: One array for each input, to be written in place.
-        outputs: One array for each output, overwritten by each call.
+        outputs: One array for each output, overwritten by each call but for entries that are zero by structure: these
+            are written once, so do not write into the arrays.
 
     Args:
         function: The function.
@@ -278,11 +281,16 @@ def _pointers(arrays: Sequence[Array]) -> Any:
 
 
 def _row_major(function: ca.Function) -> ca.Function:
-    """Transpose inputs and outputs, because CasADi stores columns first and NumPy rows first; make outputs dense."""
+    """Transpose inputs and outputs, because CasADi stores columns first and NumPy rows first; outputs stay sparse."""
     symbol = ca.SX.sym if function.is_a("SXFunction") else ca.MX.sym
     inputs = [symbol(f"i{k}", *reversed(function.size_in(k))) for k in range(function.n_in())]
-    outputs = function.call([i.T for i in inputs])
-    return ca.Function(function.name(), inputs, [ca.densify(o.T) for o in outputs])
+    return ca.Function(function.name(), inputs, [o.T for o in function.call([i.T for i in inputs])])
+
+
+def _make_full(function: ca.Function) -> ca.Function:
+    """Make outputs full by one call of the function: as expressions, each of their zeros would be an instruction."""
+    inputs = [ca.MX.sym(f"i{k}", *function.size_in(k)) for k in range(function.n_in())]
+    return ca.Function(function.name(), inputs, [ca.densify(o) for o in function.call(inputs)])
 
 
 def load_library(
