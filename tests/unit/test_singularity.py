@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -459,3 +460,15 @@ def test_velocities_of_free_motions_close_the_loops() -> None:
             velocity: Array = np.array([item.motion.velocities[n] for n in kinematics.mechanism.names])
             assert_allclose(E @ velocity, 0, atol=1e-12)
             assert_allclose(item.motion.twist[3:], 0, atol=1e-9)  # the RAF's platform does not turn
+
+
+def test_a_regular_machine_may_be_loose() -> None:
+    """Of the five-bar one drive is let go: regular, and one motion that nothing holds."""
+    robot = five_bar_robot()
+    assert po.report_singularities(robot.kinematics, robot.home_configuration).unheld == 0
+    weak = po.Kinematics(dataclasses.replace(robot.mechanism, active=("theta1",)), "virtual machine")
+    report = po.report_singularities(
+        weak, weak.configuration([robot.home_configuration[n] for n in weak.mechanism.names])
+    )
+    assert (report.kind, report.unheld) == ("regular", 1)
+    assert str(report).startswith("five-bar: regular; under-actuated: 1 motion more than drives\n")

@@ -88,6 +88,8 @@ class SingularityReport:
         constraint: Distance at which the closures themselves lose rank.
         architectural: Kinds that are singular at every configuration around: a fault of the dimensions, or of the
             choice of variables, not of the pose.
+        unheld: How many motions the drives hold nowhere, because they are fewer than the freedoms: an under-actuated
+            machine can be regular, yet its platform is loose; the parallel distance is then that of what is held.
         tolerance: Distance below which a configuration counts as singular [1].
     """
 
@@ -97,6 +99,7 @@ class SingularityReport:
     legs: tuple[Singularity, ...]
     constraint: Singularity
     architectural: tuple[str, ...]
+    unheld: int
     tolerance: float
 
     @property
@@ -120,7 +123,10 @@ class SingularityReport:
         return " and ".join(words) or "regular"
 
     def __str__(self) -> str:
-        lines = [f"{self.mechanism_name}: {self.kind}"]
+        loose = (
+            f"; under-actuated: {self.unheld} motion{'s' * (self.unheld > 1)} more than drives" if self.unheld else ""
+        )
+        lines = [f"{self.mechanism_name}: {self.kind}{loose}"]
         for s in (self.parallel, self.serial, *self.legs, self.constraint):
             name = f"{s.kind} {s.leg!r}" if s.leg else s.kind
             out = f", grows by {s.rate:.3g} along its escape" if s.escape else ", stationary"
@@ -168,6 +174,7 @@ def report_singularities(
         legs=tuple(place.judge_leg(leg) for leg in kinematics.legs),
         constraint=place.judge_constraints(),
         architectural=tuple(k for k, lost in (("parallel", lost_p), ("serial", lost_s)) if lost),
+        unheld=max(place.motions.shape[1] - place.lost - len(mechanism.active), 0),
         tolerance=tolerance,
     )
 
