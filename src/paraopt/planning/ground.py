@@ -154,7 +154,7 @@ class Ground:
             The spots from its beginning on; what blocks the next position, or "valid" when the end is reached; and that
             position, or None.
         """
-        count = max(2, int(np.ceil(self.length(np.array([a.value, b])) / self.spacing)))
+        count = max(4, int(np.ceil(self.length(np.array([a.value, b])) / self.spacing)))
         values = a.value + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a.value)
         values[-1] = b
         chain = [a]
@@ -246,7 +246,9 @@ class Ground:
             free = [good and next(held) == VALID for good in free]
         return free
 
-    def look_between(self, chains: Sequence[Sequence[Spot]], parts: int = 4, rounds: int = 3) -> list[str]:
+    def look_between(
+        self, chains: Sequence[Sequence[Spot]], parts: int = 4, rounds: int = 3, caution: float = 1.5
+    ) -> list[str]:
         """Look between the positions of checked lines, where the slopes around let a bound be crossed.
 
         A distance or margin falls and rises again: between two positions it may be lower than at both by as much as its
@@ -256,6 +258,7 @@ class Ground:
             chains: Spots along each line.
             parts: Number of parts of a divided interval.
             rounds: Number of divisions.
+            caution: Factor by which a quantity may fall more steeply than any slope around shows.
 
         Returns:
             For each line "valid", or what may be wrong.
@@ -272,7 +275,7 @@ class Ground:
             steepest = slope.copy()
             steepest[:-1] = np.maximum(steepest[:-1], slope[1:])
             steepest[1:] = np.maximum(steepest[1:], slope[:-1])
-            lowest = 0.5 * (levels[:-1] + levels[1:] - steepest * step)
+            lowest = 0.5 * (levels[:-1] + levels[1:] - caution * steepest * step)
             alive = np.array([verdicts[i] == VALID for i in line[:-1]])
             doubtful = np.flatnonzero(inside & alive & (np.min(lowest, axis=1) < -1e-12))
             if not doubtful.size:

@@ -7,6 +7,7 @@ from paraopt.view.motion import draw_motion, list_page_bodies, write_motion_page
 from paraopt.view.page import build_page, write_page
 from paraopt.view.path_figure import draw_path
 from paraopt.view.robot_figure import draw_robot
+from paraopt.view.search_figure import draw_search
 
 __all__ = [
     "Body",
@@ -19,6 +20,7 @@ __all__ = [
     "draw_motion",
     "draw_path",
     "draw_robot",
+    "draw_search",
     "draw_series",
     "list_page_bodies",
     "save_figure",
