@@ -12,7 +12,7 @@ from paraopt.robot import Robot
 Array = NDArray[np.float64]
 
 
-def walk_configurations(robot: Robot, count: int, seed: int, step: float = 0.2, walkers: int = 64) -> Array:
+def walk_configurations(robot: Robot, count: int, seed: int, step: float = 0.2, stride: int = 4) -> Array:
     """Walk through the configurations of a robot, along motions that the closures allow, within the limits.
 
     All walkers start at home. Each keeps its direction as long as it can, turning a little at every step, and takes a
@@ -23,7 +23,7 @@ def walk_configurations(robot: Robot, count: int, seed: int, step: float = 0.2, 
         count: Number of configurations.
         seed: Seed of the directions.
         step: Length of a step, in characteristic lengths and radians.
-        walkers: Number of walkers.
+        stride: Number of steps from one configuration that is kept to the next.
 
     Returns:
         Closed configurations within the limits [m or rad], the home first, shape (count, n_variables).
@@ -37,10 +37,11 @@ def walk_configurations(robot: Robot, count: int, seed: int, step: float = 0.2, 
     scale = kinematics.graph.variable_scale
     low, high = robot.limits.bounds(robot.mechanism)
     home = robot.home_configuration.X
-    here = np.tile(home, (min(walkers, count), 1))
+    # as many walkers as make a batch worth while, as few as let each walk far
+    here = np.tile(home, (min(32, max(2, count // 50)), 1))
     heading = random.normal(size=here.shape)
     found, n_found = [home[None]], 1
-    idle = 0
+    idle = steps = 0
     while n_found < count:
         (E,) = kinematics.functions.scaled_jacobian.batch(here)
         # what moves no closure is dropped: the part of the heading in the null space, by a damped projection
@@ -55,7 +56,8 @@ def walk_configurations(robot: Robot, count: int, seed: int, step: float = 0.2, 
         here = np.where(good[:, None], closed.X, here)
         heading = np.where(good[:, None], direction / np.maximum(size, 1e-12), 0.0)
         heading += np.where(good[:, None], 0.3, 1.0) * random.normal(size=here.shape) / np.sqrt(here.shape[1])
-        if good.any():
+        steps += 1
+        if good.any() and steps % stride == 0:
             found.append(closed.X[good])
             n_found += int(good.sum())
         idle = 0 if good.any() else idle + 1

@@ -130,8 +130,8 @@ class Scene:
     ) -> Scene:
         """Change the table of pairs.
 
-        A pair is two names, or "first / second" as the table writes it. A name is that of a body, or of a link and then
-        stands for all its bodies; "world" stands for all obstacles. What is said later holds.
+        A pair is two names, or "first / second" as the table writes it. A name is that of a link, for
+        all its bodies, or of a body; "world" stands for all obstacles. What is said later holds.
 
         Args:
             skip: Pairs that are left out, with the reasons where a mapping is given.

@@ -117,6 +117,8 @@ def load_mesh(
         vertices, triangles = np.asarray(read.vertices, dtype=float), np.asarray(read.faces)
     except Exception as error:  # the readers of a dozen formats raise what they like
         raise DefinitionError(f"{file.name} cannot be read as a mesh: {error}") from error
+    if not len(triangles):
+        raise DefinitionError(f"{file.name} cannot be read as a mesh: it holds no triangle")
     return decompose_mesh(scale * vertices, triangles, name or file.stem, pose, options)
 
 

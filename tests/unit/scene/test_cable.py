@@ -1,0 +1,225 @@
+"""Cables between links: pose and length that follow, what is left out at the ends, distances and gradients."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import paraopt as po
+from paraopt.scene import Cable
+from paraopt.scene.cable import shorten_segments
+from paraopt.shapes import Cone, ConvexPolyhedron, HalfSpace, Shape
+from support import assert_derivative
+
+POSE = ("x", "y", "z", "alpha", "beta", "gamma")
+Array = np.ndarray
+
+
+def flyer(*shapes: Shape) -> po.Robot:
+    """A platform that is free in space, held by nothing that is modelled."""
+    mechanism = po.Mechanism(
+        "flyer",
+        [po.Base(), po.Mobile("platform"), po.Series("motor", "base", joint=po.Revolute("spin"))],
+        (),
+        active=("spin",),
+        operational=POSE,
+    )
+    return po.Robot(mechanism, home=dict.fromkeys(POSE, 0.0), shapes={"platform": shapes})
+
+
+def cable(**changes: Any) -> Cable:
+    given = {"link_A": "base", "point_A": (0, 0, 2), "link_B": "platform", "point_B": (0.1, 0, 0), "radius": 0.01}
+    return Cable(**given | {"name": "rope"} | changes)
+
+
+def state(*pose: float) -> Array:
+    return np.array([0.0, *pose])
+
+
+# --- Refused
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"radius": 0.0}, "radius of cable 'rope' is 0 m"),
+        ({"radius": -1.0}, "radius of cable 'rope'"),
+        ({"radius": np.nan}, "radius of cable 'rope'"),
+        ({"radius": "thin"}, "radius of cable 'rope'"),
+        ({"ignore": (0.1, -0.1)}, "ignored length of cable 'rope'"),
+        ({"ignore": (0.1, np.inf)}, "ignored length of cable 'rope'"),
+        ({"ignore": 0.1}, "ignore of cable 'rope' is 0.1; it must be two lengths"),
+        ({"point_A": (0, 0, np.nan)}, "point_A of cable 'rope'"),
+        ({"point_B": (0, 0, 0, 0)}, "point_B of cable 'rope'"),
+        ({"link_A": 3}, "link_A of a cable is 3"),
+        ({"link_B": "base", "point_B": (0, 0, 2)}, "begins and ends at one point of 'base'"),
+    ],
+)
+def test_bad_cables_are_refused_by_name(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(po.DefinitionError, match=message):
+        cable(**changes)
+
+
+def test_scenes_refuse_what_is_no_cable() -> None:
+    with pytest.raises(po.DefinitionError, match="each must be a Cable"):
+        po.Scene(flyer(), cables=["rope"])  # type: ignore[list-item]
+    with pytest.raises(po.DefinitionError, match="must be a list of Cable"):
+        po.Scene(flyer(), cables=cable())  # type: ignore[arg-type]
+    with pytest.raises(po.UnknownNameError, match="link at an end of cable 'rope': 'plateform'"):
+        po.Scene(flyer(), cables=[cable(link_B="plateform")])
+    with pytest.raises(po.DefinitionError, match="appear twice"):
+        po.Scene(flyer(), cables=[cable(), cable(point_A=(1, 0, 2))])
+
+
+# --- Which pairs
+
+
+def table(scene: po.Scene) -> dict[str, str]:
+    return {p.name: "checked" for p in scene.pairs} | {s.name: s.reason for s in scene.skipped_pairs}
+
+
+def test_pairs_of_cables() -> None:
+    robot = flyer(po.Box(size=(0.2, 0.2, 0.1), name="plate"))
+    ropes = [
+        cable(name="one"),
+        cable(name="two", point_B=(0.1, 0, 0.001), point_A=(1, 0, 2)),
+        cable(name="far", point_A=(0, 1, 2), point_B=(-0.1, 0, 0), ignore=(0.0, 0.05)),
+        cable(name="stay", link_B="base", point_B=(0, 3, 0)),
+    ]
+    rows = table(po.Scene(robot, [po.Sphere(radius=0.1, name="rock")], ropes))
+    assert rows["plate / one"] == "the cable ends on 'platform'"
+    assert rows["plate / far"] == "checked"  # its end is left out
+    assert rows["one / two"] == "both end at one place of 'platform'"
+    assert rows["one / far"] == "checked"
+    assert rows["rock / one"] == "checked"
+    assert rows["rock / stay"] == "neither moves"
+    assert rows["plate / stay"] == rows["one / stay"].replace("both end at one place of 'base'", "checked") == "checked"
+
+
+# --- Distances
+
+
+def test_it_follows_the_platform() -> None:
+    """A cable from (0, 0, 2) to the platform's origin; a ball beside it."""
+    scene = po.Scene(flyer(), [po.Sphere(radius=0.2, pose=po.transform((1.0, 0, 1.0)), name="ball")],
+                     [cable(point_B=(0, 0, 0))])  # fmt: skip
+    configuration = scene.robot.kinematics.configuration(state(0, 0, 0, 0, 0, 0))
+    found = scene.clearance(configuration)
+    assert found.pair == "ball / rope"
+    assert found.is_external
+    assert found.distance == pytest.approx(1.0 - 0.2 - 0.01, abs=1e-9)
+    assert_allclose(found.normal, (-1, 0, 0), atol=1e-9)
+    assert_allclose(found.points, [(0.8, 0, 1), (0.01, 0, 1)], atol=1e-9)
+    # moving the lower end by dx moves the middle by half of it
+    assert_allclose(found.gradient, (-0.5, 0, 0, 0, 0, 0), atol=1e-7)
+    # half as long: the ball is now beside its end
+    shorter = scene.robot.kinematics.configuration(state(0, 0, 1.5, 0, 0, 0))
+    assert scene.clearance(shorter).distance == pytest.approx(np.hypot(1.0, 0.5) - 0.21, abs=1e-9)
+    # stretched beyond it
+    longer = scene.robot.kinematics.configuration(state(0, 0, -7, 0, 0, 0))
+    assert scene.clearance(longer).distance == pytest.approx(0.79, abs=1e-9)
+
+
+OTHERS: dict[str, Shape] = {
+    "box": po.Box(size=(0.3, 0.2, 0.4), pose=po.transform((0.35, 0.1, 1.0), (0.3, 0.2, 0.1)), name="it"),
+    "sphere": po.Sphere(radius=0.2, pose=po.transform((0.5, 0.1, 1.0)), name="it"),
+    "cylinder": po.Cylinder(radius=0.1, length=0.5, pose=po.transform((0.4, 0.1, 1.0), (0.9, 0.2, 0.1)), name="it"),
+    "capsule": po.Capsule(radius=0.1, length=0.5, pose=po.transform((0.5, 0.1, 1.0), (0.9, 0.2, 0.1)), name="it"),
+    "cone": Cone(radius=0.2, length=0.5, pose=po.transform((0.5, 0.1, 1.0), (0.9, 0.2, 0.1)), name="it"),
+    "polyhedron": ConvexPolyhedron(
+        vertices=0.3 * np.random.default_rng(1).normal(size=(12, 3)), pose=po.transform((0.9, 0.1, 1.2)), name="it"
+    ),
+    "half-space": HalfSpace.behind((0, 0, -0.3), (0.1, 0.2, 1.0), name="it"),
+}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+@pytest.mark.parametrize("ignore", [(0.0, 0.0), (0.7, 0.2), (0.2, 0.9)])
+def test_a_cable_is_a_capsule_of_the_same_ends(kind: str, ignore: tuple[float, float]) -> None:
+    """Against the fixed capsule that coal measures, and with the gradient by finite differences."""
+    robot = flyer()
+    scene = po.Scene(robot, [OTHERS[kind]], [cable(ignore=ignore)])
+    assert [p.name for p in scene.pairs] == ["it / rope"]
+    pair, random = np.zeros(1, dtype=int), np.random.default_rng(0)
+    smooth = 0
+    for _ in range(12):
+        X = state(*random.uniform(-0.3, 0.3, 3), *random.uniform(-0.5, 0.5, 3))
+        T = po.MotionSpace(robot.kinematics).tangent(X)
+        found = scene.distances(X, pair, T)
+        A, B = np.array([0.0, 0, 2]), (robot.kinematics.poses(X)[0, 1] @ [0.1, 0, 0, 1])[:3]
+        ends = shorten_segments(A, B, np.array(ignore))
+        fixed = po.Capsule.between(ends[0], ends[1], 0.01, "rod")
+        other = po.Scene(flyer(fixed), [OTHERS[kind]])
+        still = other.distances(np.zeros(7), pair, np.zeros((1, 7, 6)))
+        # the platform of the other scene stands in the world's origin
+        assert found.values[0, 0] == pytest.approx(still.values[0, 0], abs=1e-7)
+
+        def distance(pose: Array, T: Array = T) -> float:
+            return float(scene.distances(state(*pose), pair, T).values[0, 0])
+
+        pose = X[1:]
+        steps = [np.array([(distance(pose + h * e) - distance(pose - h * e)) / (2 * h) for e in np.eye(6)])
+                 for h in (1e-3, 5e-4)]  # fmt: skip
+        if np.allclose(*steps, atol=1e-4):  # no kink between
+            smooth += 1
+            assert_allclose(found.gradients[0, 0], steps[1], atol=2e-4)
+    assert smooth >= 8
+
+
+def test_cables_near_each_other() -> None:
+    """One upright, one that crosses it at a distance that the platform's y decides."""
+    ropes = [cable(point_B=(0, 0, 0)), cable(name="other", link_B="base", point_A=(-1, 1, 1), point_B=(1, 1, 1))]
+    scene = po.Scene(flyer(), cables=ropes)
+    T = po.MotionSpace(scene.robot.kinematics).tangent(state(0, 0, 0, 0, 0, 0))
+    found = scene.distances(state(0, 0, 0, 0, 0, 0), np.zeros(1, dtype=int), T)
+    assert found.values[0, 0] == pytest.approx(1.0 - 0.02, abs=1e-9)
+    assert_allclose(found.gradients[0, 0], (0, -0.5, 0, 0, 0, 0), atol=1e-7)
+    # they cross: the distance is minus the sum of the radii, and there is a direction
+    crossing = scene.robot.kinematics.configuration(state(0, 2, 0, 0, 0, 0))
+    clearance = scene.clearance(crossing)
+    assert clearance.distance == pytest.approx(-0.02, abs=1e-9)
+    # normal to both: to (0, 2, -2) and to x
+    assert_allclose(np.abs(clearance.normal), np.array([0, 1, 1]) / np.sqrt(2), atol=1e-6)
+    assert "collision with the robot itself" in clearance.describe()
+
+
+def test_shorter_than_what_is_left_out_it_is_a_ball_between() -> None:
+    A, B = np.array([[0.0, 0, 0]]), np.array([[0.0, 0, 0.3]])
+    ends = shorten_segments(A, B, np.array([[0.2, 0.4]]))
+    assert_allclose(ends[0], [(0, 0, 0.1)] * 2, atol=1e-15)
+    assert_allclose(shorten_segments(A, A, np.array([[0.2, 0.4]]))[0], 0.0, atol=0)
+    assert_allclose(shorten_segments(A, B, np.array([[0.1, 0.05]]))[0], [(0, 0, 0.1), (0, 0, 0.25)], atol=1e-15)
+    scene = po.Scene(flyer(), [po.Sphere(radius=0.5, pose=po.transform((1, 0, 0)))],
+                     [cable(point_A=(0, 0, 0), point_B=(0, 0, 0), ignore=(1.0, 1.0))])  # fmt: skip
+    pose = np.array([0.1, 0.2, 0.3, 0.0, 0.0, 0.0])
+    T = po.MotionSpace(scene.robot.kinematics).tangent(state(*pose))
+    pair = np.zeros(1, dtype=int)
+    found = scene.distances(state(*pose), pair, T)
+    middle = 0.5 * pose[:3]
+    assert found.values[0, 0] == pytest.approx(np.linalg.norm(middle - (1, 0, 0)) - 0.51, abs=1e-9)
+    assert_derivative(
+        found.gradients[0, 0], lambda p: scene.distances(state(*p), pair, T).values[0, 0], pose, tolerance=1e-6
+    )
+    # of no length at all
+    nothing = scene.distances(state(0, 0, 0, 0, 0, 0), pair, T)
+    assert nothing.values[0, 0] == pytest.approx(0.49, abs=1e-9)
+    assert np.all(np.isfinite(nothing.gradients))
+
+
+def test_batches_and_bounds() -> None:
+    scene = po.Scene(flyer(), [OTHERS["box"], po.Sphere(radius=0.1, name="ball")], [cable()])
+    random = np.random.default_rng(2)
+    X = np.column_stack([np.zeros(40), random.uniform(-0.5, 0.5, (40, 6))])
+    values, which = scene.clearances(X)
+    every = scene.distances(X, np.arange(len(scene.pairs)), np.zeros((40, 7, 6))).values
+    assert_allclose(values, every.min(axis=1), atol=1e-9)
+    assert_allclose(every[np.arange(40), which], values, atol=0)
+    placed = scene._collision.place(scene.robot.kinematics.poses(X))
+    assert np.all(scene._collision.lower_bounds(placed) <= every + 1e-7)
+    for i in range(40):
+        assert scene.clearances(X[i])[0][0] == pytest.approx(values[i], abs=1e-9)
+    near = scene.too_close(X, 0.1)
+    assert np.array_equal(near >= 0, values < 0.1)
