@@ -70,8 +70,11 @@ def compute_rank(matrix: Array, tolerance: float = RANK_TOLERANCE, whole: Array 
 
 def _singular_values(matrix: Array) -> Array:
     """Give the singular values, largest first: NumPy's, without what NumPy spends around small matrices."""
+    values: Array
     _, values, _, failed = lapack.dgesdd(matrix, compute_uv=0)
-    return np.linalg.svd(matrix, compute_uv=False) if failed else values
+    if failed:
+        values = np.asarray(np.linalg.svd(matrix, compute_uv=False), dtype=float)
+    return values
 
 
 def independent_rows(matrix: Array, tolerance: float = RANK_TOLERANCE) -> NDArray[np.intp]:

@@ -341,8 +341,8 @@ class _LegBuilder:
     def _add_pin(self, shapes: dict[str, list[Shape]], level: float) -> None:
         """Give the last link, which only carries the hinge on the platform, the piece of its pin at the leg's level."""
         x, y = self.at.tolist()
-        ends = [(x, y, level + side * self.radius) for side in (-1.0, 1.0)]
-        shapes[self.link] = [Cylinder.between(*ends, 0.6 * self.radius)]
+        low, high = (x, y, level - self.radius), (x, y, level + self.radius)
+        shapes[self.link] = [Cylinder.between(low, high, 0.6 * self.radius)]
 
     def _add_bar(
         self, shapes: dict[str, list[Shape]], start: Array, length: float, direction: float, level: float
