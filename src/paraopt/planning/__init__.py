@@ -5,8 +5,8 @@ from paraopt.planning.nlp import Nlp, NlpOptions, build_nlp, solve_nlp
 from paraopt.planning.path import Path, PathPoints
 from paraopt.planning.problem import Margins, Problem
 from paraopt.planning.refine import Refined, SplineRefiner
-from paraopt.planning.retime_base import Retimer
-from paraopt.planning.retime_ruckig import JerkLimited
+from paraopt.planning.retime_base import PathConstraint, PathRows, Retimer, RowConstraint
+from paraopt.planning.retime_ruckig import JerkLimited, JointMove
 from paraopt.planning.retime_toppra import TimeOptimal
 from paraopt.planning.seed import FirstSuccess, GrownRoadmap, MixedSearch, Roadmap, RRTConnect, Seed, Seeder
 from paraopt.planning.trajectory import State, Trajectory
@@ -19,17 +19,21 @@ __all__ = [
     "FirstSuccess",
     "GrownRoadmap",
     "JerkLimited",
+    "JointMove",
     "Margins",
     "MixedSearch",
     "Nlp",
     "NlpOptions",
     "Path",
+    "PathConstraint",
     "PathPoints",
+    "PathRows",
     "Problem",
     "RRTConnect",
     "Refined",
     "Retimer",
     "Roadmap",
+    "RowConstraint",
     "Seed",
     "Seeder",
     "SplineRefiner",

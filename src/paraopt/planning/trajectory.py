@@ -58,6 +58,8 @@ class Trajectory:
         method: How it was timed.
         slowed: Factor by which it was slowed uniformly to hold the limits between grid points; 1 when it was not.
         n_grid: Number of points on which the time law was computed.
+        without_jerk: Duration of the time-optimal law under the same limits but those of the jerk, as found on the
+            grid [s]; none when it was not computed. A finer grid finds a law that is up to one percent faster.
     """
 
     path: Path
@@ -65,6 +67,7 @@ class Trajectory:
     method: str = ""
     slowed: float = 1.0
     n_grid: int = 0
+    without_jerk: float | None = None
 
     @property
     def robot(self) -> Robot:
@@ -75,6 +78,11 @@ class Trajectory:
     def duration(self) -> float:
         """Give the length in time [s]."""
         return self.law.duration
+
+    @property
+    def gap(self) -> float | None:
+        """Give the duration over that without jerk limits [1]; none when it was not computed."""
+        return None if self.without_jerk is None else self.duration / self.without_jerk
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate all variables, or their derivatives with respect to time.
