@@ -116,6 +116,12 @@ class CollisionModel:
         self._count = np.bincount(owner, minlength=len(self.pairs))
         self._start = np.concatenate([[0], np.cumsum(self._count)[:-1]]).astype(int)
         self._simple = bool(np.all(self._count == 1))
+        enclosed = [
+            (np.zeros((2, 3)), c.shape.radius) if isinstance(c.shape, Cable) else enclose(c.shape) for c in cells
+        ]
+        self._cell_ends = np.array([ends for ends, _ in enclosed]).reshape(-1, 2, 3)
+        self._cell_radii = np.array([np.inf if isinstance(c.shape, HalfSpace) else radius
+                                     for c, (_, radius) in zip(cells, enclosed, strict=True)])  # fmt: skip
         body = np.array([c.body for c in cells], dtype=int)
         self._element_bodies = body[self._element_cells]
         self._measure = [coal.ComputeDistance(cells[i].geometry, cells[j].geometry) for i, j, _ in elements]
@@ -201,15 +207,46 @@ class CollisionModel:
         """
         if self._simple:
             return self._measure_elements(placed, samples, pairs)
-        distances, points, normals = self._measure_elements(placed, samples, self._start[pairs])
-        # a mesh is as near as the nearest of its parts
-        for part in range(1, int(self._count[pairs].max(initial=1))):
-            rows = np.flatnonzero(self._count[pairs] > part)
-            found = self._measure_elements(placed, samples[rows], self._start[pairs[rows]] + part)
+        elements, bounds = self._order_elements(placed, samples, pairs)
+        distances, points, normals = self._measure_elements(placed, samples, elements[:, 0])
+        # a mesh is as near as the nearest of its parts: those that may be nearer than what was found
+        for rank in range(1, elements.shape[1]):
+            rows = np.flatnonzero(bounds[:, rank] < distances)
+            if not rows.size:
+                break
+            found = self._measure_elements(placed, samples[rows], elements[rows, rank])
             nearer = found[0] < distances[rows]
             for kept, new in zip((distances, points, normals), found, strict=True):
                 kept[rows[nearer]] = new[nearer]
         return distances, points, normals
+
+    def _order_elements(self, placed: Placement, samples: Indices, pairs: Indices) -> tuple[Indices, Array]:
+        """List the pairs of pieces of chosen pairs by their lower bounds; both (k, most), filled up with inf bounds."""
+        most = int(self._count[pairs].max(initial=1))
+        part = np.minimum(np.arange(most), self._count[pairs, None] - 1)
+        elements = self._start[pairs, None] + part
+        bounds = np.full(elements.shape, -np.inf)
+        bounds[np.arange(most) >= self._count[pairs, None]] = np.inf
+        rows, columns = np.nonzero((self._count[pairs, None] > 1) & np.isneginf(bounds))
+        if rows.size:
+            chosen = elements[rows, columns]
+            ends = []
+            for side in range(2):
+                X, cells = (
+                    placed.poses[samples[rows], self._element_bodies[side, chosen]],
+                    self._element_cells[side, chosen],
+                )
+                own = self._cell_ends[cells] @ X[:, :3, :3].transpose(0, 2, 1) + X[:, None, :3, 3]
+                cable = np.flatnonzero(self._element_bodies[side, chosen] >= self._n_solids)
+                own[cable] = placed.ends[
+                    samples[rows[cable]], self._element_bodies[side, chosen[cable]] - self._n_solids
+                ]
+                ends.append(own)
+            gap = segment_distance().batch(ends[0], ends[1])[0].reshape(-1)
+            # minus infinity for half-spaces, which nothing encloses
+            bounds[rows, columns] = gap - self._cell_radii[self._element_cells[:, chosen]].sum(axis=0)
+        order = np.argsort(bounds, axis=1, kind="stable")
+        return np.take_along_axis(elements, order, 1), np.take_along_axis(bounds, order, 1)
 
     def _measure_elements(self, placed: Placement, samples: Indices, elements: Indices) -> Measured:
         k = len(samples)
