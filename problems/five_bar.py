@@ -4,9 +4,9 @@ The machine of Chablat (Chablat1998: lengths 9, 8, 5, 5, 8, no limits) has four 
 both legs. While the working mode stays, a motion is described by the end point. A motion that changes it is described
 by the drives: where a leg is stretched out or folded, the end point stops but the drives do not.
 
-Expected: at (6, 7) det [N K] is negative in the modes "++", "-+" and "--", which are all joined by certified motions, and
-positive in "+-", which is refused for its sign. Without leave to change the mode all of them are refused.
-Exit code 0 only if all pairs are answered so.
+Expected: at (6, 7) det [N K] is negative in the modes "++", "-+" and "--", which are all joined by certified motions,
+and positive in "+-", which is refused for its sign. Without leave to change the mode all of them would be refused. Exit
+code 0 only if all pairs are answered so.
 """
 
 from __future__ import annotations

@@ -34,8 +34,6 @@ class Parameters:
     """Clearance [m] and distance to singularities."""
     step: float = 5.0
     """Step of the search's grid in the tasks T1 and T2 [m]."""
-    drives: tuple[float, float, float] = (15.0, 15.4, 12.0)
-    """Lengths of the legs of the task "modes" [m]."""
 
 
 def build_problem(p: Parameters) -> po.Problem:
@@ -64,22 +62,22 @@ def find_least_determinant(plan: po.Plan) -> float:
 def join_modes(p: Parameters) -> int:
     """Try all pairs of assemblies, count those that are answered right."""
     robot = replace(po.robots.three_rpr_innocenti(), shapes={})
-    modes = robot.kinematics.assembly_modes(dict(zip(("rho1", "rho2", "rho3"), p.drives, strict=True))).modes
-    joined = refused = 0
+    modes = robot.kinematics.assembly_modes({"rho1": 15.0, "rho2": 15.4, "rho3": 12.0}).modes
+    right = {"joined": 0, "refused": 0}
     for (i, a), (j, b) in combinations(enumerate(modes, start=1), 2):
         goal = {name: b.configuration[name] for name in robot.mechanism.operational}
         try:
             plan = po.plan(po.Problem(po.Scene(robot), a.configuration, goal, margins=p.margins))
         except po.InfeasibleError as error:
-            refused += a.sign != b.sign and error.evidence.get("reason") == "branch"
+            right["refused"] += a.sign != b.sign and error.evidence.get("reason") == "branch"
             print(f"{i}-{j}: refused, determinants {a.determinant:+.4f} and {b.determinant:+.4f}")
             continue
-        joined += a.sign == b.sign
+        right["joined"] += a.sign == b.sign
         turns = round((plan.seed.points[-1, 2] - goal["theta"]) / (2 * np.pi))
         least = plan.certificate["parallel determinant"].value  # of one sign on a dense check
         print(f"{i}-{j}: joined, path of {plan.refined.length:.1f} m, {turns} turns, |det| above {least:.4f}")
-    print(f"{joined} pairs joined, {refused} refused")
-    return 0 if joined + refused == len(modes) * (len(modes) - 1) // 2 else 1
+    print(", ".join(f"{count} pairs {answer}" for answer, count in right.items()))
+    return 0 if sum(right.values()) == len(modes) * (len(modes) - 1) // 2 else 1
 
 
 def main(p: Parameters) -> int:

@@ -62,7 +62,7 @@ class Roadmap:
 
         Args:
             problem: The problem; its scene, margins and limits are those of the roadmap.
-            rounds: How often positions are drawn, each time farther around.
+            rounds: How often positions are drawn, near, farther and far around in turn.
 
         Returns:
             The roadmap: a seeder for all problems that differ in start and goal only.
@@ -166,10 +166,11 @@ class GrownRoadmap:
         return Seed.along(ground, ground.straighten(way, self.options.cuts), step=step, straight_reason=straight)
 
     def extend(self, ground: Ground) -> GrownRoadmap:
-        """Draw more positions, farther around than before, and join them to their nearest ones."""
+        """Draw more positions and join them to their nearest ones."""
         options, problem = self.options, self.problem
         random = np.random.default_rng((options.random_seed, self.rounds))
-        reach = 5.0 * ground.spacing * ground.block * 2.0**self.rounds
+        # near, farther and far in turn
+        reach = 5.0 * ground.spacing * ground.block * 2.0 ** (self.rounds % 3)
         spots = list(self.spots)
         for part in np.array_split(sample_region(problem, random, options.nodes, reach), max(1, options.nodes // 60)):
             known = np.array([s.value for s in spots])

@@ -81,11 +81,9 @@ class RRTConnect:
         """Grow both trees until they meet on a way that holds between its positions, too."""
         problem, random = ground.problem, np.random.default_rng(self.random_seed)
         trees = (_Tree(ground, ground.origin, step), _Tree(ground, ground.goal, step))
-        reach = 4.0 * step
         for turn in count():  # the budget ends it
             grown, other = trees[turn % 2], trees[1 - turn % 2]
-            if turn % 50 == 49:
-                reach *= 1.5  # what is near has been tried; ranges and full turns bound the rest
+            reach = step * (4.0, 8.0, 16.0)[turn // 2 % 3]  # near, farther and far in turn
             (target,) = sample_region(problem, random, 1, reach)
             node = grown.extend(target, greedy=False)
             if node is None:
