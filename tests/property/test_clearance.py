@@ -129,7 +129,8 @@ def test_the_normal_is_the_gradient_away_from_kinks(first: str, second: str, see
     a, b = draw_two(random, first, second, 1.2)
     solid = build(*a)
     distance, points, normal = measure(solid, build(*b))
-    if distance < 1e-3:  # depths are too rough for differences
+    # depths are too rough for differences, and near contact a distance bends as much as a small ball
+    if distance < 0.02:
         return
     twist, turn = random.normal(size=3), random.normal(size=3)
 
@@ -139,11 +140,12 @@ def test_the_normal_is_the_gradient_away_from_kinks(first: str, second: str, see
         X[:3, :3], X[:3, 3] = R @ X[:3, :3], points[1] + R @ (X[:3, 3] - points[1]) + h * twist
         return measure(solid, build(b[0], b[1], X))[0]
 
-    rates = [(along(h) - along(-h)) / (2 * h) for h in (1e-3, 5e-4)]
-    # at a kink the one-sided rates differ, at most by what is claimed
-    sides = [(along(5e-4) - distance) / 5e-4, (distance - along(-5e-4)) / 5e-4]
-    if abs(rates[0] - rates[1]) < 1e-4 and abs(sides[0] - sides[1]) < 2e-2:
-        assert abs(rates[1] - normal @ twist) < 2e-2
+    # a step of 2e-5 turns the 1e-8 of a distance into 1e-3, and a bend of 50 into 1e-3 times the square of the way
+    h = 2e-5
+    sides = [(along(h) - distance) / h, (distance - along(-h)) / h]
+    # at a kink the one-sided rates differ
+    if abs(sides[0] - sides[1]) < 2e-2:
+        assert abs(0.5 * (sides[0] + sides[1]) - normal @ twist) < 2e-2
     # whatever is there, the claim is an upper bound to the right and a lower one to the left
     assert sides[0] <= normal @ twist + 2e-2
     assert sides[1] >= normal @ twist - 2e-2
