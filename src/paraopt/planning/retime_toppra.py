@@ -79,7 +79,7 @@ class TimeOptimal:
         for attempt in range(self.refinements + 1):
             s, rows, law = find_fastest(problem, path, s, self.constraints)
             n = len(s) - 1
-            times = choose_times(path, law, 10 * n + 7)  # offset from the grid points
+            times = choose_times(path, law)
             limited = limit_path(problem, path, law(times), self.constraints)
             use = measure_use(limited, law, times)
             # where a bound asks for motion the law cannot be run slower: the grid must do alone

@@ -14,21 +14,23 @@ from paraopt.planning.retime_base.limited import LimitedPath
 Array = NDArray[np.float64]
 
 
-def choose_times(path: Path, law: TimeLaw, count: int) -> Array:
-    """Choose times at which a law is judged: evenly spread, where its pieces meet, and where those of the path do.
+def choose_times(path: Path, law: TimeLaw, count: int = 10) -> Array:
+    """Choose times at which a law is judged: within each of its pieces, and where pieces of the path meet.
 
     At the knots of the path's spline its second derivative has corners, and the accelerations their peaks.
 
     Args:
         path: The path.
         law: The time law.
-        count: Number of evenly spread times.
+        count: Number of intervals in each piece of the law.
 
     Returns:
         Times in ascending order [s].
     """
+    shares = np.arange(count) / count
+    within = law.breaks[:-1, None] + np.diff(law.breaks)[:, None] * shares
     knots = law.time_at(np.unique(path.spline.t).clip(0.0, 1.0))
-    return np.unique(np.concatenate([np.linspace(0.0, law.duration, count), law.breaks, knots]))
+    return np.unique(np.concatenate([within.reshape(-1), law.breaks, knots]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,11 +24,13 @@ from paraopt.planning.retime_base import (
     spread_grid,
     third_derivatives,
 )
-from paraopt.planning.retime_ruckig.profile import solve_profile
+from paraopt.planning.retime_ruckig.profile import drop_slivers, solve_profile
 from paraopt.planning.retime_ruckig.stretch import Bounds, Chart
 from paraopt.planning.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+_SLIVER = 2e-3  # of the duration: in shorter intervals the third derivatives of the law drown in round-off
 
 
 @dataclass(frozen=True)
@@ -99,11 +101,12 @@ class JerkLimited:
         _, rows, fastest = find_fastest(problem, path, spread_grid(path, self.n_grid), self.constraints)
         first = self._first_profile(problem, path)
         chart = Chart.along(path, first, self.n_grid)
-        y = np.ones(chart.size)
+        y = None
         for attempt in range(self.refinements + 1):
-            y = chart.fastest(self._bounds(problem, path, chart), y, self.iterations, self.enough)
+            bounds = self._bounds(problem, path, chart)
+            y = chart.fastest(bounds, chart.uniform(bounds) if y is None else y, self.iterations, self.enough)
             law, n = chart.run(y), len(chart.u) - 1
-            use, times, held = self._measure(problem, path, law, n)
+            use, times, held = self._measure(problem, path, law)
             violated = use.stretch_at > 1.0 + 0.5 * self.tolerated
             if use.stretch <= 1.0 + self.tolerated or attempt == self.refinements:
                 break
@@ -125,9 +128,9 @@ class JerkLimited:
             method += f", run {100 * (slowed - 1.0):.2g} % slower to hold the limits between grid points"
         return Trajectory(path, law.stretched(factor), method, slowed, n, fastest.duration)
 
-    def _measure(self, problem: Problem, path: Path, law: TimeLaw, n: int) -> tuple[LimitUse, Array, bool]:
+    def _measure(self, problem: Problem, path: Path, law: TimeLaw) -> tuple[LimitUse, Array, bool]:
         """Check a law at ten times the density of the grid, and tell whether it may be run slower."""
-        times = choose_times(path, law, 10 * n + 7)
+        times = choose_times(path, law)
         limited = limit_path(problem, path, law(times), self.constraints)
         use = measure_use(limited, law, times, third_derivatives(problem, path, law(times)))
         return use, times, bool(np.all(limited.stated.c <= 0.0))
@@ -141,9 +144,21 @@ class JerkLimited:
         if not triples:
             raise RetimeError("no speed keeps the actuators within their limits on this path", path=path)
         chosen, T = min(((t, solve_profile(*t).duration) for t in triples), key=lambda pair: pair[1])
-        # phases so short that the grid would not resolve them are made longer; the stretching takes up the time
-        lowest = (np.inf, 1e2, 1e4)
-        return solve_profile(*[min(v, top / T**k) for k, (v, top) in enumerate(zip(chosen, lowest, strict=True), 1)])
+        # phases so short that the grid would not resolve them are made longer, or left out; the stretching takes up
+        # the time, and makes up for what is exceeded
+        phase = 5.0 * _SLIVER * T
+        speed = chosen[0]
+        acceleration = min(chosen[1], speed / phase)
+        jerk = min(chosen[2], acceleration / phase)
+        laws = [
+            drop_slivers(solve_profile(share * speed, acceleration, jerk), _SLIVER)
+            for share in np.linspace(1.0, 0.8, 9)
+        ]
+        # the jerk jumps where phases meet and at the knots of the path: both should be the same or well apart
+        knots = np.unique(path.spline.t)[1:-1].clip(0.0, 1.0)
+        return next(
+            (law for law in laws if _distance(law, knots) > _SLIVER), max(laws, key=lambda o: _distance(o, knots))
+        )
 
     def _triples(self, limited: LimitedPath, third: Array) -> list[tuple[float, float, float]]:
         """List bounds (speed, acceleration, jerk) of the parameter that keep all within their limits."""
@@ -179,3 +194,11 @@ class JerkLimited:
         jerks = np.isfinite(limited.jerk)
         scale = limited.jerk[jerks]
         return Bounds(rows.a, rows.b, rows.c, *[d[:, jerks] / scale for d in (limited.dq, limited.ddq, third)])
+
+
+def _distance(law: TimeLaw, knots: Array) -> float:
+    """Tell how near a phase of a law ends to a knot of the path without ending there, as a share of the duration."""
+    if not knots.size:
+        return np.inf
+    gaps = np.abs(law.time_at(knots)[:, None] - law.breaks[1:-1]) / law.duration
+    return float(np.min(gaps, initial=np.inf, where=gaps > 1e-7))

@@ -41,6 +41,21 @@ def solve_profile(speed: float, acceleration: float, jerk: float) -> TimeLaw:
     return TimeLaw(breaks, pieces[:, :, 0])
 
 
+def drop_slivers(law: TimeLaw, share: float) -> TimeLaw:
+    """Leave out the phases of a profile that take less than a share of its duration, and scale the rest to reach 1.
+
+    A profile from rest to rest is its own mirror image: what is left comes to rest too. Its limits are exceeded a
+    little.
+    """
+    durations, jerks = np.diff(law.breaks), 6.0 * law.coefficients[0]
+    kept = durations >= share * law.duration
+    pieces, p, v, a = [], 0.0, 0.0, 0.0
+    for h, j in zip(durations[kept], jerks[kept], strict=True):
+        pieces.append([j / 6.0, a / 2.0, v, p])
+        p, v, a = p + h * (v + h * (a / 2.0 + h * j / 6.0)), v + h * (a + h * j / 2.0), a + h * j
+    return TimeLaw(np.concatenate([[0.0], np.cumsum(durations[kept])]), np.array(pieces).T / p)
+
+
 def solve_profiles(
     distance: Array,
     limits: Sequence[Array],

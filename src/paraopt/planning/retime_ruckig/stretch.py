@@ -95,6 +95,7 @@ class Chart:
     def refined(self, intervals: NDArray[np.intp]) -> Chart:
         """Give the chart with some intervals halved."""
         middles = 0.5 * (self.u[1:] + self.u[:-1])
+        intervals = intervals[self.h[intervals] > 4e-4 * self.law.duration]
         return Chart(self.law, _grade(np.union1d(self.u, middles[intervals])))
 
     def transfer(self, y: Array, coarser: Chart) -> Array:
@@ -119,6 +120,14 @@ class Chart:
         last = np.cumsum(counts) - 1
         self._outer = np.union1d(last, last - counts + 1)
         return np.concatenate(parts), np.concatenate(firsts)
+
+    def uniform(self, bounds: Bounds) -> Array:
+        """Give the fastest rate that is the same everywhere."""
+        d1, d2 = (self.law(self.places, order)[:, None] for order in (1, 2))
+        moving, held = d2 * bounds.a + d1**2 * bounds.b, bounds.c < 0.0
+        share = np.max(moving / np.where(held, -bounds.c, 1.0), initial=0.0, where=held)
+        third = np.max(np.abs(self._jerk_terms(bounds)[2]), initial=0.0)
+        return np.full(self.size, 1.0 / max(float(share), float(third) ** (2.0 / 3.0), 1e-300))
 
     def fastest(self, bounds: Bounds, start: Array, iterations: int, enough: float) -> Array:
         """Find the fastest rate by linear programs, each around the result of the one before.
