@@ -1,10 +1,15 @@
 """Motion: from a problem to a seed, a refined path, a timed trajectory, and the certificate that proves it."""
 
 from paraopt.planning.law import TimeLaw
-from paraopt.planning.nlp import Nlp, NlpOptions, build_nlp, solve_nlp
+from paraopt.planning.nlp import Nlp, build_nlp, solve_nlp
+from paraopt.planning.nlp_constraint import PathBound
+from paraopt.planning.nlp_options import NlpOptions
+from paraopt.planning.nlp_spline import ToolPath, Waypoint
+from paraopt.planning.objective import Objective
 from paraopt.planning.path import Path, PathPoints
 from paraopt.planning.problem import Margins, Problem
 from paraopt.planning.refine import Refined, SplineRefiner
+from paraopt.planning.refine_time import MinimumTime
 from paraopt.planning.retime_base import PathConstraint, PathRows, Retimer, RowConstraint
 from paraopt.planning.retime_ruckig import JerkLimited, JointMove
 from paraopt.planning.retime_toppra import TimeOptimal
@@ -21,10 +26,13 @@ __all__ = [
     "JerkLimited",
     "JointMove",
     "Margins",
+    "MinimumTime",
     "MixedSearch",
     "Nlp",
     "NlpOptions",
+    "Objective",
     "Path",
+    "PathBound",
     "PathConstraint",
     "PathPoints",
     "PathRows",
@@ -41,9 +49,11 @@ __all__ = [
     "TimeLaw",
     "TimeOptimal",
     "Tolerances",
+    "ToolPath",
     "Trajectory",
     "Validity",
     "Verdict",
+    "Waypoint",
     "build_nlp",
     "check_ends",
     "solve_nlp",

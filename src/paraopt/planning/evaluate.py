@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from paraopt.planning.nlp_constraint import PathBound, read_constraints
 from paraopt.planning.problem import Problem
 
 Array = NDArray[np.float64]
@@ -19,24 +21,30 @@ class SampleValues:
     Attributes:
         converged: Whether the closures hold at every sample, on the branch of the start.
         X: Configurations, shape (n, n_variables).
+        T: Motions `dX / d independent`, shape (n, n_variables, m).
         bounded: Variables with a finite range, in lengths or radians over their scale [1], shape (n, b).
         d_bounded: Shape (n, b, m).
         margins: Parallel and serial margin [1], shape (n, 2).
         d_margins: Shape (n, 2, m).
         logarithms: Logarithms of both normalised determinants [1], shape (n, 2).
         d_logarithms: Shape (n, 2, m).
+        held: Quantities of the user's own over their scales, shape (n, u).
+        d_held: Shape (n, u, m).
         distances: Signed distances of the near pairs [m], shape (n, k).
         d_distances: Shape (n, k, m).
     """
 
     converged: bool
     X: Array
+    T: Array
     bounded: Array
     d_bounded: Array
     margins: Array
     d_margins: Array
     logarithms: Array
     d_logarithms: Array
+    held: Array
+    d_held: Array
     distances: Array
     d_distances: Array
 
@@ -48,16 +56,20 @@ class SampleEvaluator:
         problem: The problem.
         X: A configuration near each sample, shape (n, n_variables); follows the samples as they move.
         pairs: Near pairs whose distances are wanted.
+        constraints: Bounds of the user's own.
     """
 
-    def __init__(self, problem: Problem, X: Array, pairs: NDArray[np.intp]) -> None:
+    def __init__(
+        self, problem: Problem, X: Array, pairs: NDArray[np.intp], constraints: Sequence[PathBound] = ()
+    ) -> None:
         self.problem, self.pairs = problem, pairs
         mechanism = problem.robot.mechanism
         low, high = problem.bounds.bounds(mechanism)
         self._independent = mechanism.indices(problem.independent)
         self.bounded = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
-        self._scale = problem.robot.kinematics.graph.variable_scale
-        self.low, self.high = (low / self._scale)[self.bounded], (high / self._scale)[self.bounded]
+        self.scale = problem.robot.kinematics.graph.variable_scale
+        self.low, self.high = (low / self.scale)[self.bounded], (high / self.scale)[self.bounded]
+        self.held = read_constraints(problem.robot.kinematics.graph, tuple(constraints))
         self._near = X.copy()
         self._near_T = problem.space.tangent(X)
         self._signs = np.sign(self._orientation(self._near_T))
@@ -70,6 +82,11 @@ class SampleEvaluator:
         """
         rows = T[:, self.problem.robot.mechanism.indices(self.problem.robot.mechanism.active)]
         return np.linalg.det(rows) if rows.shape[1] == rows.shape[2] else np.ones(len(rows))
+
+    @property
+    def near(self) -> Array:
+        """Give the configurations of the last evaluation that converged, shape (n, n_variables)."""
+        return self._near
 
     def __call__(self, values: Array) -> SampleValues:
         """Evaluate at n samples of the independent coordinates, shape (n, m)."""
@@ -87,17 +104,39 @@ class SampleEvaluator:
             ds, dls = np.zeros_like(ds), np.zeros_like(dls)
         good = good and bool(np.all(np.sign(self._orientation(T)) == self._signs))
         distances = problem.scene.distances(X, self.pairs, T)
+        held, d_held = self.held(X, T)
         if good:
             self._near, self._near_T = X, T
         return SampleValues(
             good,
             X,
-            (X / self._scale)[:, self.bounded],
-            (T / self._scale[:, None])[:, self.bounded],
+            T,
+            (X / self.scale)[:, self.bounded],
+            (T / self.scale[:, None])[:, self.bounded],
             np.column_stack([margins.parallel, serial]),
             np.stack([dp, ds], axis=1),
             np.column_stack([margins.log_parallel, log_serial]),
             np.stack([dlp, dls], axis=1),
+            held,
+            d_held,
             distances.values,
             distances.gradients,
         )
+
+    def second(self, X: Array, T: Array) -> Array:
+        """Give the second derivatives of all variables with respect to the independent coordinates.
+
+        Args:
+            X: Closed configurations, shape (n, n_variables).
+            T: Motions there, shape (n, n_variables, m).
+
+        Returns:
+            Shape (n, n_variables, m, m).
+        """
+        m = T.shape[2]
+        k, j = np.triu_indices(m)
+        upper = self.problem.robot.kinematics.curvature(X, T[:, :, k], T[:, :, j], self.problem.independent)
+        H = np.empty((*T.shape, m))
+        H[:, :, k, j] = upper
+        H[:, :, j, k] = upper
+        return H

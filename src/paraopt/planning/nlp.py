@@ -1,9 +1,10 @@
-"""The refinement as a nonlinear program over a spline, open to inspection, and its solution by IPOPT."""
+"""The refinement as a nonlinear program over a spline, open to inspection, and its solution by one of two backends."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -13,7 +14,12 @@ from scipy.interpolate import BSpline, make_lsq_spline
 
 from paraopt.errors import DefinitionError, RefineError
 from paraopt.planning.evaluate import SampleEvaluator
-from paraopt.planning.objective import Bridge, Evaluation, build_length_hessian
+from paraopt.planning.nlp_ipopt import Answer, Bridge, Curvature, solve_by_ipopt
+from paraopt.planning.nlp_options import NlpOptions, Slack
+from paraopt.planning.nlp_spline import SplineSpace, Waypoint, build_space, locate
+from paraopt.planning.nlp_sqp import solve_by_sqp
+from paraopt.planning.nlp_time import TimeModel
+from paraopt.planning.objective import Barriers, Evaluation
 from paraopt.planning.problem import Problem
 from paraopt.planning.seed import Seed
 
@@ -21,58 +27,18 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class NlpOptions:
-    """Choose the spline, the barriers and the solver's bounds of a refinement.
+class Shortfall:
+    """Name a constraint that a vector breaks.
 
     Attributes:
-        controls: Number of control points; chosen from the seed when None.
-        degree: Degree of the spline, at least 3.
-        samples_per_control: Samples for each control point.
-        barrier: Weight of the barriers [1].
-        horizon: Distance at which the distance barrier begins [m]; four times the clearance, at least 0.02, when None.
-        iterations: Bound on IPOPT's iterations.
-        tolerance: Convergence tolerance of IPOPT.
+        what: The constraint.
+        at: Where on the path, in [0, 1].
+        amount: By how much, in the constraint's own scale.
     """
 
-    controls: int | None = None
-    degree: int = 3
-    samples_per_control: int = 4
-    barrier: float = 1e-4
-    horizon: float | None = None
-    iterations: int = 120
-    tolerance: float = 1e-5
-
-    def __post_init__(self) -> None:
-        if self.degree < 3:
-            raise DefinitionError(f"degree of the spline is {self.degree}; accelerations need at least 3")
-        if self.controls is not None and self.controls < self.degree + 1:
-            raise DefinitionError(f"number of control points is {self.controls}; it must be at least {self.degree + 1}")
-        for name in ("samples_per_control", "iterations"):
-            if getattr(self, name) < 1:
-                raise DefinitionError(f"{name} is {getattr(self, name)}; it must be at least 1")
-        if not (np.isfinite(self.barrier) and self.barrier >= 0):
-            raise DefinitionError(f"barrier weight is {self.barrier}; it must be finite and not negative")
-        for name in ("horizon", "tolerance"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise DefinitionError(f"{name} is {value}; it must be finite and above 0")
-
-    def count_controls(self, seed: Seed) -> int:
-        """Give the number of control points for a seed: two more for each of its corners."""
-        return self.controls or int(np.clip(8 + 2 * (len(seed.points) - 2), max(8, self.degree + 1), 24))
-
-    def choose_horizon(self, problem: Problem) -> float:
-        """Give the distance at which the distance barrier begins [m]."""
-        return self.horizon if self.horizon is not None else max(4.0 * problem.margins.clearance, 0.02)
-
-
-@dataclass(frozen=True)
-class Slack:
-    """Hold what is added to the margins at the samples so that they hold between them."""
-
-    clearance: float = 0.0
-    singularity: float = 0.0
-    range: float = 0.0
+    what: str
+    at: float
+    amount: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,43 +47,110 @@ class Nlp:
 
     Attributes:
         problem: The planning problem.
-        functions: CasADi's `{"x", "f", "g"}`: inner control points over the seed's length, objective, constraints.
-        derivatives: Exact "grad_f" and "jac_g", CasADi functions of (x, p) that return the value and the derivative,
-            and "hess_lag", the exact second derivative of the length term; the curvature of barriers and constraints is
-            left out.
         initial: First guess of x.
         lower: Lower bounds of g.
         upper: Upper bounds of g.
         labels: What each constraint of one sample is, in the order of g.
-        samples: Parameters of the samples, ends included, shape (n,).
-        knots: Knots of the spline.
-        degree: Degree of the spline.
-        ends: First and last point of the path, shape (2, m).
+        space: The splines.
         unit: Length that x is divided by [m].
         evaluator: What evaluates the samples.
         evaluation: What computes f, g and their derivatives from them.
     """
 
     problem: Problem
-    functions: Mapping[str, ca.MX]
-    derivatives: Mapping[str, ca.Function]
     initial: Array
     lower: Array
     upper: Array
     labels: tuple[str, ...]
-    samples: Array
-    knots: Array
-    degree: int
-    ends: Array
+    space: SplineSpace
     unit: float
     evaluator: SampleEvaluator
     evaluation: Evaluation
-    _alive: Any = field(repr=False)  # CasADi does not own what it calls
+
+    @cached_property
+    def functions(self) -> Mapping[str, ca.MX]:
+        """Give CasADi's `{"x", "f", "g"}`.
+
+        x holds the free numbers of the spline over the seed's length, then what the objective adds (see `Evaluation`);
+        f is the objective, g are the constraints.
+        """
+        x = ca.MX.sym("x", self.evaluation.n_x)
+        f, g = self._bridges["nlp"](x)
+        return {"x": x, "f": f, "g": g}
+
+    @cached_property
+    def derivatives(self) -> Mapping[str, ca.Function]:
+        """Give exact "grad_f" and "jac_g", CasADi functions of (x, p) that return value and derivative, and "hess_lag".
+
+        The second derivative is that of `Evaluation.hessian`.
+        """
+        return {name: self._bridges[name] for name in ("grad_f", "jac_g", "hess_lag")}
+
+    @cached_property
+    def _bridges(self) -> Mapping[str, ca.Callback]:  # kept here, because CasADi does not own what it calls
+        return {
+            "nlp": Bridge("nlp", self.evaluation, ("f", "g"), False),
+            "grad_f": Bridge("grad_f", self.evaluation, ("f", "grad_f"), True),
+            "jac_g": Bridge("jac_g", self.evaluation, ("g", "jac_g"), True),
+            "hess_lag": Curvature(self.evaluation),
+        }
+
+    @property
+    def samples(self) -> Array:
+        """Give the parameters of the samples, ends included, shape (n,)."""
+        return self.space.samples
+
+    @property
+    def knots(self) -> Array:
+        """Give the knots of the spline."""
+        return self.space.knots
+
+    @property
+    def degree(self) -> int:
+        """Give the degree of the spline."""
+        return self.space.degree
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """Give the bounds of x: squared path speeds are above zero."""
+        low, high = np.full(self.evaluation.n_x, -np.inf), np.full(self.evaluation.n_x, np.inf)
+        low[self.evaluation.n_x - self.evaluation.n_b :] = 1e-6
+        return low, high
 
     def spline(self, x: Array) -> BSpline:
         """Build the spline of a solution vector."""
-        inner = np.asarray(x).reshape(-1, len(self.problem.independent)) * self.unit / self.problem.metric
-        return BSpline(self.knots, np.vstack([self.ends[0], inner, self.ends[1]]), self.degree)
+        return self.space.spline(np.asarray(x)[: self.space.n_y])
+
+    def shortfalls(self, x: Array, tolerance: float = 1e-6) -> list[Shortfall]:
+        """List the constraints that a vector breaks, the worst first, each at its worst place.
+
+        Args:
+            x: The vector.
+            tolerance: What is let pass.
+        """
+        g = self.evaluation(np.asarray(x))[2]
+        excess = np.maximum(self.lower - g, g - self.upper)
+        excess = np.where(np.isnan(excess), np.inf, excess)
+        worst: dict[str, Shortfall] = {}
+        for row in np.flatnonzero(excess > tolerance):
+            what, at = self.describe(int(row))
+            if what not in worst or excess[row] > worst[what].amount:
+                worst[what] = Shortfall(what, at, float(excess[row]))
+        return sorted(worst.values(), key=lambda shortfall: -shortfall.amount)
+
+    def describe(self, row: int) -> tuple[str, float]:
+        """Tell what a row of g is, and where on the path."""
+        by_sample = self.evaluation.n * len(self.labels)
+        if row < by_sample:
+            return self.labels[row % len(self.labels)], float(self.samples[1 + row // len(self.labels)])
+        row -= by_sample
+        if row < len(self.evaluation.balls):
+            return f"distance from waypoint {row + 1} [radii, squared]", float(self.space.places[row])
+        row -= len(self.evaluation.balls)
+        assert self.evaluation.time is not None
+        sample, drive = (int(place[row]) for place in self.evaluation.time.place)
+        kind = "velocity" if row < self.evaluation.n_b * len(self.problem.robot.mechanism.active) else "acceleration"
+        return f"{kind} of {self.problem.robot.mechanism.active[drive]!r} [limits]", float(self.samples[sample])
 
 
 def build_nlp(
@@ -126,6 +159,11 @@ def build_nlp(
     options: NlpOptions | None = None,
     slack: Slack | None = None,
     extra_pairs: NDArray[np.intp] | None = None,
+    *,
+    knots: Array | None = None,
+    samples: Array | None = None,
+    near: BSpline | None = None,
+    near_X: Array | None = None,
 ) -> Nlp:
     """Build the refinement problem of a seed.
 
@@ -135,116 +173,171 @@ def build_nlp(
         options: Choices; the defaults when None.
         slack: What is added to the margins at the samples.
         extra_pairs: Pairs to hold apart besides those near the seed.
+        knots: Knots of the spline; spread evenly when None.
+        samples: Parameters of the samples, ends included; spread evenly when None.
+        near: A spline to begin with, instead of the seed.
+        near_X: Configurations along it at the samples, shape (n, n_variables).
 
     Returns:
         The nonlinear program with its first guess.
+
+    Raises:
+        RefineError: The closures fail along the first spline, or conditions contradict each other.
     """
     options, slack = options or NlpOptions(), slack or Slack()
-    controls = options.count_controls(seed)
     degree = options.degree
-    knots = np.concatenate([np.zeros(degree), np.linspace(0, 1, controls - degree + 1), np.ones(degree)])
-    samples = np.linspace(0.0, 1.0, options.samples_per_control * controls + 1)
+    controls = options.count_controls(seed)
+    if knots is None:
+        knots = np.concatenate([np.zeros(degree), np.linspace(0, 1, controls - degree + 1), np.ones(degree)])
+    if samples is None:
+        samples = np.linspace(0.0, 1.0, options.samples_per_control * controls + 1)
     unit = max(seed.length, 1e-12)
-    first = _fit(seed, knots, degree, samples)
-    near = _configurations(problem, seed, first, samples[1:-1])
-    clearance = problem.margins.clearance
+    space = _build_space(problem, seed, options, knots, samples, unit, near)
+    if near is None:
+        y = space.nearest(_fit(seed, space.knots, degree, samples).c / space.to_physical)
+        X = _configurations(problem, seed, space.spline(y), samples[1:-1])
+    else:
+        y = space.project(near)
+        X = near_X if near_X is not None else _configurations(problem, seed, space.spline(y), samples[1:-1])
     horizon = options.choose_horizon(problem)
-    pairs = problem.scene.near_pairs(near, horizon) if problem.scene.pairs else np.arange(0)
+    pairs = _choose_pairs(problem, X, horizon, 0.1 * unit) if problem.scene.pairs else np.arange(0)
     if extra_pairs is not None:
         pairs = np.union1d(pairs, extra_pairs)
-    evaluator = SampleEvaluator(problem, near, pairs.astype(int))
-    basis = BSpline(knots, np.eye(controls), degree)
-    evaluation = Evaluation(
-        evaluator,
-        basis(samples[1:-1]),
-        _ends(seed) * problem.metric / unit,
-        _energy(basis, knots),
-        unit / problem.metric,
+    evaluator = SampleEvaluator(problem, X, pairs.astype(int), options.constraints)
+    balls = [
+        (place, _scaled_centre(problem, w, space), w.radius / unit)
+        for place, w in zip(space.places, options.waypoints, strict=True)
+        if w.radius > 0
+    ]
+    barriers = Barriers(
         options.barrier,
         horizon,
-        max(0.25 * clearance, 0.02 * horizon),
+        max(0.25 * problem.margins.clearance, 0.02 * horizon),
+        serial=not problem.allow_mode_change,
     )
-    bridges = {
-        "nlp": Bridge("nlp", evaluation, ("f", "g"), False),
-        "grad_f": Bridge("grad_f", evaluation, ("f", "grad_f"), True),
-        "jac_g": Bridge("jac_g", evaluation, ("g", "jac_g"), True),
-    }
-    x = ca.MX.sym("x", evaluation.n_x)
-    f, g = bridges["nlp"](x)
-    low, high, labels = _bounds(problem, evaluator, slack, len(samples) - 2, horizon)
-    initial = (first.c[1:-1] * problem.metric / unit).reshape(-1)
-    derivatives = {
-        "grad_f": bridges["grad_f"],
-        "jac_g": bridges["jac_g"],
-        "hess_lag": build_length_hessian(evaluation),
-    }
-    return Nlp(
-        problem, {"x": x, "f": f, "g": g}, derivatives, initial, low, high, labels, samples, knots, degree,
-        _ends(seed), unit, evaluator, evaluation, bridges,
-    )  # fmt: skip
+    time, speeds = _time(problem, samples, X) if options.objective.time > 0 else (None, np.zeros(0))
+    evaluation = Evaluation(evaluator, space, options.objective, barriers, balls, time)
+    level = np.full(evaluation.n_level, problem.margins.singularity)
+    initial = np.concatenate([y, level, speeds])
+    low, high, labels = _bounds(problem, evaluation, slack)
+    return Nlp(problem, initial, low, high, labels, space, unit, evaluator, evaluation)
 
 
-def solve_nlp(nlp: Nlp, options: NlpOptions | None = None, guess: Array | None = None) -> tuple[Array, dict[str, Any]]:
-    """Solve a refinement problem with IPOPT.
+def solve_nlp(
+    nlp: Nlp,
+    options: NlpOptions | None = None,
+    guess: Array | None = None,
+    multipliers: Array | None = None,
+) -> tuple[Array, dict[str, Any]]:
+    """Solve a refinement problem, lowering the weight of the barriers to its final value.
 
     Args:
         nlp: The problem.
         options: Choices; the defaults when None.
         guess: First guess; the seed's when None.
+        multipliers: Those of the constraints, when the guess is nearly optimal; the barriers then begin with their
+            final weight.
 
     Returns:
-        The solution vector, and statistics: "iterations", "status", "objective".
+        The solution vector, and statistics: "iterations", "status", "objective", "multipliers", "weight".
 
     Raises:
-        RefineError: IPOPT ended without a feasible point; the message gives its status.
+        RefineError: The solver ended without a feasible point; the message gives the worst constraint, where it is
+            broken and by how much. Evidence: the program, the last vector x, all "shortfalls", the solver's "stats".
     """
     options = options or NlpOptions()
-    settings = {
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "max_iter": options.iterations,
-            "tol": options.tolerance,
-            "acceptable_tol": 30 * options.tolerance,
-            "acceptable_iter": 5,
-            "acceptable_obj_change_tol": 1e-5,
-            "mu_init": 1e-3,
-            "constr_viol_tol": 1e-7,
-        },
-        "print_time": False,
-        "error_on_fail": False,
-        "no_nlp_grad": True,
-        **nlp.derivatives,
-    }
-
-    solver = ca.nlpsol("refine", "ipopt", dict(nlp.functions), settings)
-    answer = solver(x0=nlp.initial if guess is None else guess, lbg=nlp.lower, ubg=nlp.upper)
-    if nlp.evaluation.error is not None:
-        raise nlp.evaluation.error
-    stats = solver.stats()
-    x = np.asarray(answer["x"]).reshape(-1)
-    g = np.asarray(answer["g"]).reshape(-1)
-    excess = np.maximum(nlp.lower - g, g - nlp.upper)
-    worst = int(np.argmax(excess)) if excess.size else -1
-    if not np.all(np.isfinite(x)) or (excess.size and not excess[worst] < 1e-4):
-        at = nlp.samples[1 + worst // max(len(nlp.labels), 1)]
+    x = nlp.initial if guess is None else guess
+    weights = options.weights if multipliers is None else options.weights[-1:]
+    iterations, answer = 0, None
+    for weight in weights:
+        nlp.evaluation.weigh(weight)
+        last = weight == weights[-1]
+        answer = _run(nlp, options, x, multipliers, options.tolerance if last else 100.0 * options.tolerance)
+        x, multipliers = answer.x, answer.multipliers
+        iterations += answer.iterations
+    assert answer is not None
+    stats = {"iterations": iterations, "return_status": answer.status}
+    shortfalls = nlp.shortfalls(x, 1e-4) if np.all(np.isfinite(x)) else [Shortfall("the solution", 0.0, np.inf)]
+    if shortfalls:
+        told = "; ".join(f"{s.what} is off its bound by {s.amount:.3g} at s = {s.at:.3f}" for s in shortfalls[:4])
+        more = f"; and {len(shortfalls) - 4} others" if len(shortfalls) > 4 else ""
         raise RefineError(
-            f"IPOPT found no feasible path ({stats['return_status']}): {nlp.labels[worst % len(nlp.labels)]} is off "
-            f"its bound by {excess[worst]:.3g} at s = {at:.3f}",
+            f"{options.backend} found no feasible path ({answer.status}): {told}{more}",
             nlp=nlp,
             x=x,
+            shortfalls=tuple(shortfalls),
             stats=stats,
         )
     return x, {
-        "iterations": int(stats["iter_count"]),
-        "status": stats["return_status"],
-        "objective": float(answer["f"]),
+        "iterations": iterations,
+        "status": answer.status,
+        "objective": nlp.evaluation(x)[0],
+        "multipliers": answer.multipliers,
+        "weight": weights[-1],
     }
 
 
-def _ends(seed: Seed) -> Array:
-    """Give both ends of the path; the seed's, because it may have reached the goal by full turns."""
-    return seed.points[[0, -1]]
+def _choose_pairs(problem: Problem, X: Array, horizon: float, capture: float) -> NDArray[np.intp]:
+    """Choose the pairs to hold apart: those that are near, and obstacles that may be when the path is straightened."""
+    near = problem.scene.near_pairs(X, horizon)
+    if not problem.scene.obstacles or capture <= horizon:
+        return near
+    wide = problem.scene.near_pairs(X, capture)
+    return np.union1d(near, wide[[problem.scene.pairs[p].is_external for p in wide]])
+
+
+def _run(nlp: Nlp, options: NlpOptions, x: Array, multipliers: Array | None, tolerance: float) -> Answer:
+    bounds = (nlp.lower, nlp.upper)
+    limits: dict[str, Any] = {
+        "multipliers": multipliers, "iterations": options.iterations, "tolerance": tolerance,
+    }  # fmt: skip
+    if options.backend == "sqp":
+        return solve_by_sqp(nlp.evaluation, bounds, nlp.box, x, **limits)
+    return solve_by_ipopt(nlp.functions, nlp.derivatives, nlp.evaluation, bounds, nlp.box, x, **limits)
+
+
+def _build_space(
+    problem: Problem, seed: Seed, options: NlpOptions, knots: Array, samples: Array, unit: float, near: BSpline | None
+) -> SplineSpace:
+    """Find where on the seed, or on the spline to begin with, the waypoints and tool paths belong."""
+    after = 0.0
+    places, spans = [], []
+    for waypoint in options.waypoints:
+        after = locate(seed if near is None else near, problem, waypoint.values, after)
+        places.append((after, waypoint))
+    after = -1.0
+    for tool in options.tool_paths:
+        ends = [dict(zip(tool.names, tool.curve(u), strict=True)) for u in (0.0, 1.0)]
+        first = locate(seed if near is None else near, problem, ends[0], after)
+        after = locate(seed if near is None else near, problem, ends[1], first)
+        first = 0.0 if first < 2e-3 else first
+        after = 1.0 if after > 1.0 - 2e-3 else after
+        spans.append((first, after, tool))
+    return build_space(
+        problem, seed.points[[0, -1]], unit, knots, options.degree, samples,
+        rest=options.rest, waypoints=places, tool_paths=spans,
+    )  # fmt: skip
+
+
+def _scaled_centre(problem: Problem, waypoint: Waypoint, space: SplineSpace) -> Array:
+    values = [waypoint.values.get(name, np.nan) for name in problem.independent]
+    return np.array(values) / space.to_physical
+
+
+def _time(problem: Problem, samples: Array, X: Array) -> tuple[TimeModel, Array]:
+    """Build the timing of a path, in units of its first guess, and the squared speeds of that guess."""
+    mechanism = problem.robot.mechanism
+    names = mechanism.active
+    limits = [problem.bounds.of(quantity, names) for quantity in ("velocity", "acceleration")]
+    if not np.all(np.isfinite(limits)):
+        raise DefinitionError(f"time is to be made short, but not all of {list(names)} have velocity and acceleration "
+                              "limits; state them in Limits")  # fmt: skip
+    goal = problem.robot.kinematics.solve_batch(problem.independent, problem.goal_values()[None], X[-1:])
+    q = np.vstack([problem.start_configuration.X, X, goal.X])[:, mechanism.indices(names)]
+    model = TimeModel(samples, limits[0], limits[1], 1.0)
+    b = model.guess(q)
+    unit = model.duration(b)[0]
+    return TimeModel(samples, limits[0], limits[1], unit), b * unit**2
 
 
 def _fit(seed: Seed, knots: Array, degree: int, samples: Array) -> BSpline:
@@ -253,7 +346,7 @@ def _fit(seed: Seed, knots: Array, degree: int, samples: Array) -> BSpline:
     weights = np.ones_like(s)
     weights[[0, -1]] = 1e4
     spline = make_lsq_spline(s, seed.at(s), knots, degree, w=weights)
-    ends = _ends(seed)
+    ends = seed.points[[0, -1]]
     spline.c[0], spline.c[-1] = ends[0], ends[1]
     return spline
 
@@ -288,38 +381,38 @@ def _configurations(problem: Problem, seed: Seed, spline: BSpline, samples: Arra
     return X
 
 
-def _energy(basis: BSpline, knots: Array) -> Array:
-    """Integrate products of the basis functions' derivatives exactly; shape (controls, controls)."""
-    points, weights = np.polynomial.legendre.leggauss(basis.k + 1)
-    edges = np.unique(knots)
-    mid, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
-    s = (mid[:, None] + half[:, None] * points).reshape(-1)
-    w = (half[:, None] * weights).reshape(-1)
-    slopes = basis(s, 1)
-    return slopes.T @ (w[:, None] * slopes)
-
-
-def _bounds(
-    problem: Problem, evaluator: SampleEvaluator, slack: Slack, n: int, horizon: float
-) -> tuple[Array, Array, tuple[str, ...]]:
-    names = problem.robot.mechanism.names
+def _bounds(problem: Problem, evaluation: Evaluation, slack: Slack) -> tuple[Array, Array, tuple[str, ...]]:
+    """Give the bounds of g, and what each row of one sample is."""
+    names, evaluator, n = problem.robot.mechanism.names, evaluation.evaluator, evaluation.n
+    kinds = ("parallel", "serial")[: evaluation.kinds]
     labels = (
         *(f"range of {names[i]!r} [scaled]" for i in evaluator.bounded),
         "parallel margin",
         "serial margin",
+        *(f"{c.name} [over {c.scale:g}]" if c.scale != 1.0 else c.name for c in evaluator.held.constraints),
         *(f"distance {problem.scene.pairs[p].name} [horizons]" for p in evaluator.pairs),
+        *(f"{kind} margin over the smallest" for kind in kinds if evaluation.n_level),
     )
-    return (
-        np.tile(
-            np.concatenate(
-                [
-                    evaluator.low + slack.range,
-                    np.full(2, problem.margins.singularity + slack.singularity),
-                    np.full(len(evaluator.pairs), (problem.margins.clearance + slack.clearance) / horizon),
-                ]
-            ),
-            n,
-        ),
-        np.tile(np.concatenate([evaluator.high - slack.range, np.full(2 + len(evaluator.pairs), np.inf)]), n),
-        labels,
+    column = {name: np.broadcast_to(getattr(slack, name), n)[:, None] for name in vars(slack)}
+    singular = np.array(
+        [problem.margins.singularity, problem.margins.singularity if evaluation.kinds == 2 else -np.inf]
     )
+    k, level = len(evaluator.pairs), evaluation.n_level * evaluation.kinds
+    low = np.hstack([
+        evaluator.low + column["range"],
+        singular + column["singularity"],
+        evaluator.held.lower + column["held"],
+        np.tile((problem.margins.clearance + column["clearance"]) / evaluation.barriers.horizon, k),
+        np.zeros((n, level)),
+    ])  # fmt: skip
+    high = np.hstack([
+        evaluator.high - column["range"], np.full((n, 2), np.inf), evaluator.held.upper - column["held"],
+        np.full((n, k + level), np.inf),
+    ])  # fmt: skip
+    lows, highs = [low.ravel()], [high.ravel()]
+    lows.append(np.full(len(evaluation.balls), -np.inf))
+    highs.append(np.ones(len(evaluation.balls)))
+    if evaluation.time is not None:
+        lows.append(evaluation.time.bounds[0])
+        highs.append(evaluation.time.bounds[1])
+    return np.concatenate(lows), np.concatenate(highs), labels

@@ -1,146 +1,370 @@
-"""Objective and constraints of a refinement as one vector function, with exact derivatives, and CasADi's view of it."""
+"""Objective and constraints of a refinement as one vector function, with exact derivatives."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.errors import ParaoptError
-from paraopt.planning.evaluate import SampleEvaluator
+from paraopt.errors import DefinitionError, ParaoptError
+from paraopt.planning.evaluate import SampleEvaluator, SampleValues
+from paraopt.planning.nlp_spline import SplineSpace
+from paraopt.planning.nlp_time import TimeModel
 
 Array = NDArray[np.float64]
 
 
-class Evaluation:
-    """Compute objective, constraints and their exact derivatives for a vector of inner control points.
+@dataclass(frozen=True)
+class Objective:
+    """Weigh what a path should be good at; all terms are without unit, about 1 for the seed.
 
-    The last result is kept, because IPOPT asks for values and derivatives in separate calls.
+    Attributes:
+        length: Weight of the energy `integral |dx/ds|^2 / D^2`, least for the shortest path run evenly; D is the
+            length of the seed.
+        bending: Weight of `integral |d2x/ds2|^2 / D^2`.
+        margin: Weight of the smallest singularity margin on the path, which is made large.
+        time: Weight of the duration over that of the first guess, under the velocity and acceleration limits.
+    """
+
+    length: float = 1.0
+    bending: float = 0.0
+    margin: float = 0.0
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("length", "bending", "margin", "time"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise DefinitionError(f"weight of {name} is {value}; it must be finite and not negative")
+        if not self.length + self.bending + self.time > 0:
+            raise DefinitionError("length, bending and time all weigh nothing: no path is better than another")
+
+    @property
+    def is_length(self) -> bool:
+        """Tell whether only the length counts."""
+        return self.bending == self.margin == self.time == 0.0
+
+
+@dataclass(frozen=True)
+class Barriers:
+    """Hold what keeps paths away from their bounds.
+
+    Attributes:
+        weight: Weight of all barriers [1].
+        horizon: Distance at which the distance barrier begins [m].
+        floor: Distance below which it goes on as a parabola [m].
+        share: Share of a variable's range, from either end, in which its barrier acts [1].
+        serial: Whether serial singularities count.
+    """
+
+    weight: float
+    horizon: float
+    floor: float
+    share: float = 0.05
+    serial: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Hold all that is known at one vector."""
+
+    x: Array
+    f: float
+    grad_f: Array
+    g: Array
+    jac_g: Array
+    values: SampleValues | None
+
+
+class Evaluation:
+    """Compute objective, constraints and their exact derivatives for a vector x.
+
+    x holds the free numbers of the spline; then, where asked for, the smallest margin, and the squared path speeds. The
+    constraints are those of every inner sample (ranges, margins, user's own, distances, margin over the smallest one),
+    sample by sample; then those of waypoints with a radius; then the limits of the drives. The last result is kept,
+    because solvers ask for values and derivatives in separate calls.
 
     Args:
         evaluator: What evaluates the samples.
-        basis: Values of all basis functions at the samples, shape (n, controls).
-        ends: First and last control point over the unit, shape (2, m).
-        energy: Integrals of products of the basis functions' slopes, shape (controls, controls).
-        to_physical: What multiplies scaled coordinates, shape (m,).
-        weight: Weight of the barriers.
-        horizon: Distance at which the distance barrier begins [m].
-        floor: Distance below which it goes on as a parabola [m].
+        space: The splines.
+        objective: What counts.
+        barriers: What keeps off the bounds.
+        balls: Parameter, scaled centre (m,) with nan where it is free, and scaled radius of each near waypoint.
+        time: How the path is timed, where time counts.
     """
 
     def __init__(
         self,
         evaluator: SampleEvaluator,
-        basis: Array,
-        ends: Array,
-        energy: Array,
-        to_physical: Array,
-        weight: float,
-        horizon: float,
-        floor: float,
+        space: SplineSpace,
+        objective: Objective,
+        barriers: Barriers,
+        balls: Sequence[tuple[float, Array, float]] = (),
+        time: TimeModel | None = None,
     ) -> None:
-        self.evaluator, self.basis, self.ends, self.energy = evaluator, basis, ends, energy
-        self.to_physical, self.weight, self.horizon, self.floor = to_physical, weight, horizon, floor
-        self.n, self.controls = basis.shape
-        self.m = ends.shape[1]
-        self.per_sample = len(evaluator.bounded) + 2 + len(evaluator.pairs)
-        self.n_x, self.n_g = (self.controls - 2) * self.m, self.n * self.per_sample
-        # each sample feels only the inner control points whose basis functions reach it
-        sample, control = np.nonzero(basis[:, 1:-1])
-        self._sample, self._control = sample, control
-        shape = (len(sample), self.per_sample, self.m)
-        rows = np.broadcast_to((sample[:, None] * self.per_sample + np.arange(self.per_sample))[:, :, None], shape)
-        columns = np.broadcast_to((control[:, None] * self.m + np.arange(self.m))[:, None, :], shape)
-        self._order = np.lexsort((rows.ravel(), columns.ravel()))  # CasADi stores columns first
-        self.pattern = ca.Sparsity.triplet(self.n_g, self.n_x, rows.ravel().tolist(), columns.ravel().tolist())
+        self.evaluator, self.space, self.objective, self.barriers = evaluator, space, objective, barriers
+        self.to_physical, self.time = space.to_physical, time
+        self.points, self.moves = space.motions(space.samples[1:-1])
+        self.n, self.m = self.points.shape
+        self.n_y, self.n_level = space.n_y, int(objective.margin > 0)
+        self.kinds = 2 if barriers.serial else 1
+        self.per_sample = (
+            len(evaluator.bounded) + 2 + len(evaluator.held) + len(evaluator.pairs) + self.n_level * self.kinds
+        )
+        self.balls = [(*space.motions(np.array([place])), centre, radius) for place, centre, radius in balls]
+        self.n_b = time.n_b if time is not None else 0
+        self.n_rows = time.n_rows if time is not None else 0
+        self.n_x = self.n_y + self.n_level + self.n_b
+        self.n_g = self.n * self.per_sample + len(self.balls) + self.n_rows
+        self._flat = self.moves.reshape(self.n * self.m, self.n_y)
+        self._start_b = self.n_y + self.n_level
+        energy = objective.length * space.energy(1)
+        if objective.bending:
+            energy = energy + objective.bending * space.energy(2)
+        flat = space.directions.reshape(-1, self.n_y)
+        self._energy = flat.T @ np.kron(energy, np.eye(self.m)) @ flat
+        bent = (energy @ space.offset).ravel()
+        self._linear = flat.T @ bent
+        self._constant = float(space.offset.ravel() @ bent)
+        self._rows, self._columns = self._list_entries()
+        self._order = np.lexsort((self._rows, self._columns))  # columns first, as CasADi stores them
+        self.pattern = (self._rows[self._order], self._columns[self._order])
         self.error: ParaoptError | None = None
-        self._key: bytes | None = None
-        self._value: tuple[float, Array, Array, Array] | None = None
+        self._last: _Point | None = None
+
+    # -- structure -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _touching(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """List which sample feels which free number: only control points whose basis functions reach it."""
+        sample, column = np.nonzero(np.any(np.abs(self.moves) > 1e-14, axis=1))
+        return sample, column
+
+    def _list_entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        sample, column = self._touching
+        shape = (len(sample), self.per_sample)
+        rows = [np.broadcast_to(sample[:, None] * self.per_sample + np.arange(self.per_sample), shape).ravel()]
+        columns = [np.broadcast_to(column[:, None], shape).ravel()]
+        if self.n_level:
+            each = np.arange(self.n)[:, None] * self.per_sample + np.arange(
+                self.per_sample - self.kinds, self.per_sample
+            )
+            rows.append(each.ravel())
+            columns.append(np.full(each.size, self.n_y))
+        below = self.n * self.per_sample
+        dense = [len(self.balls) * (self.n_y > 0), self.n_rows]
+        for count in dense:
+            rows.append(np.repeat(below + np.arange(count), self.n_y))
+            columns.append(np.tile(np.arange(self.n_y), count))
+            below += count
+        if self.time is not None:
+            r, c = self._time_pattern
+            rows.append(below - self.n_rows + r)
+            columns.append(self._start_b + c)
+        return np.concatenate(rows), np.concatenate(columns)
+
+    @cached_property
+    def _time_pattern(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """List which limit feels which squared speed: those at the ends of its interval."""
+        assert self.time is not None
+        sample, _ = self.time.place
+        row, column = np.nonzero(np.abs(np.arange(1, self.n_b + 1)[None, :] - sample[:, None]) <= 1)
+        return row, column
+
+    # -- values ----------------------------------------------------------------------------------------------------
 
     def __call__(self, x: Array) -> tuple[float, Array, Array, Array]:
         """Return objective, its gradient, constraints, and the nonzeros of their Jacobian."""
-        key = x.tobytes()
-        if key != self._key or self._value is None:
-            self._value = self._compute(x)
-            self._key = key
-        return self._value
+        point = self.at(x)
+        return point.f, point.grad_f, point.g, point.jac_g
 
-    def _compute(self, x: Array) -> tuple[float, Array, Array, Array]:
-        controls = np.vstack([self.ends[0], x.reshape(-1, self.m), self.ends[1]])
-        v = self.evaluator(self.basis @ controls * self.to_physical)
-        if not v.converged:  # IPOPT takes a shorter step
-            return np.nan, np.full(self.n_x, np.nan), np.full(self.n_g, np.nan), np.full(self.pattern.nnz(), np.nan)
-        phi, slope = self._barrier(v.distances)
-        barrier = float(np.sum(phi) - np.sum(v.logarithms)) / self.n
-        d_barrier = (np.einsum("nk,nkm->nm", slope, v.d_distances) - np.sum(v.d_logarithms, axis=1)) / self.n
-        half = self.energy @ controls
-        f = float(np.sum(controls * half)) + self.weight * barrier
-        d_f = 2.0 * half + self.weight * (self.basis.T @ (d_barrier * self.to_physical))
-        g = np.hstack([v.bounded, v.margins, v.distances / self.horizon])
-        d_g = np.concatenate([v.d_bounded, v.d_margins, v.d_distances / self.horizon], axis=1) * self.to_physical
-        reach = self.basis[:, 1:-1][self._sample, self._control]
-        nonzeros = (d_g[self._sample] * reach[:, None, None]).ravel()[self._order]
-        return f, d_f[1:-1].ravel(), g.ravel(), nonzeros
+    def weigh(self, weight: float) -> None:
+        """Change the weight of the barriers, as they are driven down."""
+        if weight != self.barriers.weight:
+            self.barriers = replace(self.barriers, weight=weight)
+            self._last = None
+
+    def at(self, x: Array) -> _Point:
+        """Evaluate at x, or recall the last result."""
+        if self._last is None or not np.array_equal(x, self._last.x):
+            self._last = self._compute(np.array(x))
+        return self._last
+
+    def _compute(self, x: Array) -> _Point:
+        y = x[: self.n_y]
+        v = self.evaluator((self.points + self.moves @ y) * self.to_physical) if np.all(np.isfinite(x)) else None
+        if v is None or not v.converged:  # the solver takes a shorter step
+            nan = np.full(len(self.pattern[0]), np.nan)
+            return _Point(x, np.nan, np.full(self.n_x, np.nan), np.full(self.n_g, np.nan), nan, None)
+        barrier, d_barrier, _ = self._barriers(v)
+        half = self._energy @ y
+        f = float(y @ half + 2.0 * self._linear @ y) + self._constant + barrier
+        d_f = np.zeros(self.n_x)
+        d_f[: self.n_y] = 2.0 * (half + self._linear) + (d_barrier * self.to_physical).ravel() @ self._flat
+        g = [v.bounded, v.margins, v.held, v.distances / self.barriers.horizon]
+        d_g = [v.d_bounded, v.d_margins, v.d_held, v.d_distances / self.barriers.horizon]
+        if self.n_level:
+            f -= self.objective.margin * float(x[self.n_y])
+            d_f[self.n_y] = -self.objective.margin
+            g.append(v.margins[:, : self.kinds] - x[self.n_y])
+            d_g.append(v.d_margins[:, : self.kinds])
+        by_sample = np.concatenate(d_g, axis=1) * self.to_physical
+        sample, column = self._touching
+        reach = self.moves[sample, :, column]
+        entries = [np.einsum("pgm,pm->pg", by_sample[sample], reach).ravel()]
+        values = [np.hstack(g).ravel()]
+        if self.n_level:
+            entries.append(np.full(self.n * self.kinds, -1.0))
+        for point, move, centre, radius in self.balls:
+            gap = np.nan_to_num(point[0] + move[0] @ y - centre)
+            values.append(np.array([gap @ gap / radius**2]))
+            entries.append(2.0 * gap @ move[0] / radius**2)
+        if self.time is not None:
+            b = x[self._start_b :]
+            duration, d_duration, _, _ = self.time.duration(b)
+            f += self.objective.time * duration
+            d_f[self._start_b :] = self.objective.time * d_duration
+            q, dq_dy = self._drives(v)
+            rows = self.time.rows(q, b)
+            D1, D2 = self.time.differences
+            s, a = self.time.place
+            ddq, dddq = np.tensordot(D1, dq_dy, 1)[s, a], np.tensordot(D2, dq_dy, 1)[s, a]
+            values.append(rows.values)
+            entries.append((rows.d_q[:, :1] * ddq + rows.d_q[:, 1:] * dddq).ravel())
+            r, c = self._time_pattern
+            entries.append(rows.d_b[r, c + 1])
+        return _Point(x, f, d_f, np.concatenate(values), np.concatenate(entries)[self._order], v)
+
+    @cached_property
+    def _active(self) -> NDArray[np.intp]:
+        mechanism = self.evaluator.problem.robot.mechanism
+        return np.asarray(mechanism.indices(mechanism.active))
+
+    def _drives(self, v: SampleValues) -> tuple[Array, Array]:
+        """Give the actuators at all samples, ends included, shape (n, a), and their derivatives, shape (n, a, n_y)."""
+        problem = self.evaluator.problem
+        first = problem.start_configuration.X[self._active]
+        last = self._last_drives(v)
+        q = np.vstack([first, v.X[:, self._active], last])
+        dq = np.zeros((self.n + 2, len(self._active), self.n_y))
+        dq[1:-1] = (v.T[:, self._active] * self.to_physical) @ self.moves
+        return q, dq
+
+    def _last_drives(self, v: SampleValues) -> Array:
+        """Solve the goal from the last sample, so that actuators that turn stay unwrapped."""
+        problem = self.evaluator.problem
+        closed = problem.robot.kinematics.solve_batch(problem.independent, self.space.ends[1][None], v.X[-1:])
+        return closed.X[0, self._active]
+
+    # -- second derivatives ----------------------------------------------------------------------------------------
+
+    def hessian(self, x: Array, weight_f: float, multipliers: Array) -> Array:
+        """Give the second derivative of `weight_f f + multipliers . g`, shape (n_x, n_x).
+
+        Length, bending, ranges, the user's own constraints, waypoints and limits of the drives are exact; barriers
+        enter by Gauss-Newton; the curvature of margins and distances is left out.
+        """
+        H = np.zeros((self.n_x, self.n_x))
+        y = slice(0, self.n_y)
+        H[y, y] = 2.0 * weight_f * self._energy
+        v = self.at(x).values
+        if v is None:
+            return H
+        by_sample = multipliers[: self.n * self.per_sample].reshape(self.n, self.per_sample)
+        b, u = len(self.evaluator.bounded), len(self.evaluator.held)
+        W = weight_f * self._barriers(v)[2]
+        on_range, on_held = by_sample[:, :b], by_sample[:, b + 2 : b + 2 + u]
+        weights = np.zeros_like(v.X)
+        weights[:, self.evaluator.bounded] = on_range / self.evaluator.scale[self.evaluator.bounded]
+        after = self.n * self.per_sample
+        for k, (_, move, _, radius) in enumerate(self.balls):
+            H[y, y] += multipliers[after + k] * 2.0 / radius**2 * move[0].T @ move[0]
+        if self.time is not None:
+            weights[:, self._active] += self._add_time(H, x, v, weight_f, multipliers[after + len(self.balls) :])
+        is_bent = bool(np.any(np.abs(weights) > 1e-12))
+        if u or is_bent:
+            second = self.evaluator.second(v.X, v.T)
+            if is_bent:
+                W = W + np.einsum("nv,nvij->nij", weights, second)
+            if u and np.any(on_held):
+                W = W + self.evaluator.held.curvature(v.X, v.T, second, on_held)
+        scaled = W * self.to_physical[:, None] * self.to_physical
+        H[y, y] += self._flat.T @ (scaled @ self.moves).reshape(self.n * self.m, self.n_y)
+        return H
+
+    def _add_time(self, H: Array, x: Array, v: SampleValues, weight_f: float, multipliers: Array) -> Array:
+        """Add the duration's and the limits' second derivatives; return what weighs the curvature of the actuators."""
+        assert self.time is not None
+        first, last = self._start_b, self.n_x
+        b = x[first:]
+        _, _, diagonal, off = self.time.duration(b)
+        k = np.arange(first, last)
+        H[k, k] += weight_f * self.objective.time * diagonal
+        H[k[:-1], k[1:]] += weight_f * self.objective.time * off
+        H[k[1:], k[:-1]] += weight_f * self.objective.time * off
+        q, dq_dy = self._drives(v)
+        twice, cross, cross_2, on_q = self.time.second(q, b, multipliers)
+        D1, D2 = self.time.differences
+        first_y, second_y = np.tensordot(D1, dq_dy, 1), np.tensordot(D2, dq_dy, 1)
+        H[: self.n_y, : self.n_y] += np.einsum("kai,ka,kaj->ij", first_y, twice, first_y, optimize=True)
+        size = -1, self.n_y
+        mixed = first_y.reshape(size).T @ cross.reshape(-1, len(self.time.s))
+        mixed += second_y.reshape(size).T @ cross_2.reshape(-1, len(self.time.s))
+        H[: self.n_y, first:] += mixed[:, 1:-1]
+        H[first:, : self.n_y] += mixed[:, 1:-1].T
+        return on_q[1:-1]
+
+    # -- barriers --------------------------------------------------------------------------------------------------
+
+    def _barriers(self, v: SampleValues) -> tuple[float, Array, Array]:
+        """Give the barriers' value, gradients (n, m) and Gauss-Newton second derivatives (n, m, m)."""
+        scale = self.barriers.weight / self.n
+        if scale == 0.0:
+            return 0.0, np.zeros((self.n, self.m)), np.zeros((self.n, self.m, self.m))
+        k = self.kinds
+        slopes, gradients, bends = [np.full((self.n, k), -1.0)], [v.d_logarithms[:, :k]], [np.ones((self.n, k))]
+        total = -float(np.sum(v.logarithms[:, :k]))
+        for phi, slope, bend, gradient in (self._distance_terms(v), *self._range_terms(v)):
+            total += float(np.sum(phi))
+            slopes.append(slope)
+            gradients.append(gradient)
+            bends.append(bend)
+        G = np.concatenate(gradients, axis=1)
+        first = np.einsum("nk,nkm->nm", np.hstack(slopes), G)
+        second = G.transpose(0, 2, 1) @ (np.hstack(bends)[:, :, None] * G)
+        return scale * total, scale * first, scale * second
+
+    def _distance_terms(self, v: SampleValues) -> tuple[Array, Array, Array, Array]:
+        return *self._rise(v.distances, self.barriers.horizon, self.barriers.floor), v.d_distances
+
+    def _range_terms(self, v: SampleValues) -> list[tuple[Array, Array, Array, Array]]:
+        """Treat the way to either end of a range like a distance; the horizon is a share of the range."""
+        low, high = self.evaluator.low, self.evaluator.high
+        terms = []
+        for sign, bound in ((1.0, low), (-1.0, high)):
+            of = np.flatnonzero(np.isfinite(bound))
+            if not of.size:
+                continue
+            width = np.where(np.isfinite(high - low), high - low, 1.0)[of]
+            left = sign * (v.bounded[:, of] - bound[of])
+            phi, slope, bend = self._rise(left / width, self.barriers.share, 0.02 * self.barriers.share)
+            terms.append((phi, sign * slope / width, bend / width**2, v.d_bounded[:, of]))
+        return terms
 
     def _barrier(self, d: Array) -> tuple[Array, Array]:
-        """Evaluate phi and its derivative: logarithmic between floor and horizon, quadratic below, zero beyond."""
-        h, e = self.horizon, self.floor
+        """Evaluate the distance barrier and its derivative."""
+        phi, slope, _ = self._rise(d, self.barriers.horizon, self.barriers.floor)
+        return phi, slope
+
+    @staticmethod
+    def _rise(d: Array, h: float, e: float) -> tuple[Array, Array, Array]:
+        """Evaluate phi and two derivatives: logarithmic between floor e and horizon h, quadratic below, zero beyond."""
         inside = np.clip(d, e, h)
         phi, slope = -np.log(inside / h) + inside / h - 1.0, -1.0 / inside + 1.0 / h
         below = np.minimum(d - e, 0.0)
         phi += slope * below + 0.5 * below**2 / e**2
         slope = slope + below / e**2
-        return phi, np.where(d < h, slope, 0.0)
-
-
-class Bridge(ca.Callback):
-    """Give results of an evaluation to CasADi.
-
-    Args:
-        name: Name of the function.
-        evaluation: The evaluation.
-        outputs: Which of "f", "grad_f", "g", "jac_g" it returns.
-        takes_parameters: Whether it has CasADi's second, empty, input.
-    """
-
-    def __init__(self, name: str, evaluation: Evaluation, outputs: Sequence[str], takes_parameters: bool) -> None:
-        ca.Callback.__init__(self)
-        self.evaluation, self.outputs, self.takes_parameters = evaluation, tuple(outputs), takes_parameters
-        self.patterns = {
-            "f": ca.Sparsity.dense(1, 1),
-            "grad_f": ca.Sparsity.dense(evaluation.n_x, 1),
-            "g": ca.Sparsity.dense(evaluation.n_g, 1),
-            "jac_g": evaluation.pattern,
-        }
-        self.construct(name, {})
-
-    def get_n_in(self) -> int:
-        return 2 if self.takes_parameters else 1
-
-    def get_n_out(self) -> int:
-        return len(self.outputs)
-
-    def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        return ca.Sparsity.dense(self.evaluation.n_x, 1) if i == 0 else ca.Sparsity(0, 0)
-
-    def get_sparsity_out(self, i: int) -> ca.Sparsity:
-        return self.patterns[self.outputs[i]]
-
-    def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
-        try:
-            results = self.evaluation(np.array(arguments[0].nonzeros()))
-        except ParaoptError as error:  # CasADi would turn it into a warning: it is raised again after the solve
-            self.evaluation.error = error
-            raise
-        by_name = dict(zip(("f", "grad_f", "g", "jac_g"), results, strict=True))
-        return [ca.DM(self.patterns[k], by_name[k]) if k == "jac_g" else ca.DM(by_name[k]) for k in self.outputs]
-
-
-def build_length_hessian(evaluation: Evaluation) -> ca.Function:
-    """Build the second derivative of the length term as CasADi's `hess_lag`: upper triangle, constant but for lam_f."""
-    x, p = ca.MX.sym("x", evaluation.n_x), ca.MX.sym("p", 0, 0)
-    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", evaluation.n_g)
-    H = np.triu(2.0 * np.kron(evaluation.energy[1:-1, 1:-1], np.eye(evaluation.m)))
-    return ca.Function("hess_lag", [x, p, lam_f, lam_g], [lam_f * ca.sparsify(ca.DM(H))])
+        return phi, np.where(d < h, slope, 0.0), np.where(d < h, 1.0 / inside**2, 0.0)

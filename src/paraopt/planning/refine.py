@@ -1,16 +1,20 @@
-"""Refinement: the shortest spline near a seed, kept from obstacles and singularities by barriers and hard bounds."""
+"""Refinement: the best spline near a seed, kept from obstacles and singularities by barriers and hard bounds."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
-from paraopt.errors import DefinitionError, RefineError
+from paraopt.errors import DefinitionError, ParaoptError, RefineError
 from paraopt.planning.nlp import Nlp, NlpOptions, Slack, build_nlp, solve_nlp
 from paraopt.planning.path import Path
 from paraopt.planning.problem import Problem
+from paraopt.planning.refine_check import Violation, check_configurations, check_densely
 from paraopt.planning.seed import Seed
 
 Array = NDArray[np.float64]
@@ -23,11 +27,15 @@ class Refined:
     Attributes:
         path: The path.
         length: Its length in the problem's metric [m].
-        iterations: Iterations of IPOPT, over all rounds.
+        iterations: Iterations of the solver, over all rounds.
         rounds: Number of optimisations.
         barrier: Weight of the barriers in the last one.
         n_samples: Number of samples at which the constraints were held.
         evaluations: Number of batch evaluations.
+        objective: Last value of the objective [1].
+        pairs: Pairs of bodies that were held apart.
+        multipliers: Those of the constraints at the end; they make a fresh start short.
+        duration: Duration under the limits of the drives [s], where it was made small; else nan.
     """
 
     path: Path
@@ -37,24 +45,29 @@ class Refined:
     barrier: float
     n_samples: int
     evaluations: int
+    objective: float = 0.0
+    pairs: NDArray[np.intp] = field(default_factory=lambda: np.arange(0), repr=False)
+    multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    duration: float = np.nan
 
 
 @dataclass(frozen=True)
 class SplineRefiner(NlpOptions):
-    """Refine a seed into a spline of least length.
+    """Refine a seed into the best spline near it.
 
-    `minimise integral |dx/ds|^2 / D^2 + weight * mean over samples of [ -log|det V_a| - log|det V_x| + sum phi(d) ]`
+    `minimise integral |dx/ds|^2 / D^2 + ... + weight * mean over samples of [ -log|det V_a| - log|det V_x| + sum phi ]`
 
-    subject to `d >= clearance`, both singularity margins and the ranges at every sample. D is the seed's length,
-    phi(d) = -log(d/h) + d/h - 1 below the horizon h and zero beyond it. The first term is least for the shortest path
-    run at constant speed. First derivatives are exact: implicit-function theorem, witness points, and
+    subject to `d >= clearance`, both singularity margins, the ranges and the user's own constraints at every sample. D
+    is the seed's length, phi(d) = -log(d/h) + d/h - 1 below the horizon h and zero beyond it, of distances and of the
+    ways to the ends of ranges. The first term is least for the shortest path run at constant speed; `objective` weighs
+    it against others. First derivatives are exact: implicit-function theorem, witness points, and
     d log|det A| = tr(A^-1 dA).
 
     Attributes:
-        rounds: Bound on the optimisations: after each one the path is checked densely, and bounds are tightened where
-            it fails between the samples.
+        rounds: Bound on the optimisations: after each one the path is checked densely. Where it fails between the
+            samples, a knot and samples are added, and more is asked of the samples beside.
 
-    Source: ipopt.
+    Source: ipopt; osqp.
     """
 
     rounds: int = 6
@@ -64,46 +77,55 @@ class SplineRefiner(NlpOptions):
         if self.rounds < 1:
             raise DefinitionError(f"rounds is {self.rounds}; it must be at least 1")
 
-    def refine(self, problem: Problem, seed: Seed) -> Refined:
+    def refine(self, problem: Problem, seed: Seed, warm: Refined | None = None) -> Refined:
         """Refine a seed.
 
         Args:
             problem: The problem.
             seed: Its seed.
+            warm: What was found for a problem that differs little, such as in the place of an obstacle or in a margin;
+                it is where the search begins, at a fraction of the cost.
 
         Returns:
-            A path that satisfies every bound on a check ten times denser than its samples, never longer than the seed.
+            A path that satisfies every bound on a check ten times denser than its samples; where only the length counts
+            and nothing else shapes the path, it is never longer than the seed.
 
         Raises:
-            RefineError: No such path was found; the evidence holds the last path and what it violates.
+            RefineError: No such path was found. Evidence: the best iterate as "path" (unless the loops do not close
+                along it) and its "shortfalls": which constraint, where, by how much; or the "violation" between
+                samples.
         """
-        options, slack = self, Slack(clearance=self._sag(problem, seed))
-        extra = np.arange(0)
-        guess: Array | None = None
+        self._check_ends(problem, seed)
+        state = self._begin(problem, seed, warm)
+        options: SplineRefiner = self if warm is None else replace(self, barrier=self.final_barrier)
         iterations = evaluations = 0
-        path: Path | None = None
-        violation: _Violation | None = None
+        violation: Violation | None = None
         for round_ in range(1, self.rounds + 1):
-            nlp = build_nlp(problem, seed, options, slack, extra)
-            x, stats = solve_nlp(nlp, options, guess)
+            nlp = state.build(problem, seed, options)
+            x, stats = self._solve(nlp, options, state, seed)
             iterations += stats["iterations"]
             evaluations += nlp.evaluator.evaluations
-            path = self._path(nlp, x)
-            violation = _check_densely(problem, path, 10 * len(nlp.samples))
+            path = _follow(nlp, x)
+            violation = check_densely(problem, path, 10 * len(nlp.samples), self.constraints)
             length = path.length(problem.metric)
-            if violation is None and length <= seed.length * (1.0 + 1e-9):
-                return Refined(path, length, iterations, round_, options.barrier, len(nlp.samples), evaluations)
+            is_longer = warm is None and self._is_plain and length > seed.length * (1.0 + 1e-9)
+            if violation is None and not is_longer:
+                return Refined(
+                    path, length, iterations, round_, stats["weight"], len(nlp.samples), evaluations,
+                    stats["objective"], nlp.evaluator.pairs, stats["multipliers"],
+                )  # fmt: skip
             if violation is None:
                 if len(seed.points) == 2 and (straight := self._straight(nlp)) is not None:
                     # nothing is shorter than the free straight line; the barriers may only bend it
                     length = straight.length(problem.metric)
                     return Refined(straight, length, iterations, round_, 0.0, len(nlp.samples), evaluations)
                 # the barriers pushed it past the seed's length: let them push less
-                options = replace(options, barrier=0.1 * options.barrier)
+                weight = 0.1 * stats["weight"]
+                options = replace(options, barrier=weight, final_barrier=weight)
+                state = replace(state, near=path.spline, near_X=path.anchor_X[1:-1])
             else:
-                slack = violation.tighten(slack)
-                extra = np.union1d(extra, violation.pairs)
-            guess = x
+                options = replace(options, barrier=options.final_barrier)
+                state = state.densify(nlp, path, violation)
         what = violation.summary if violation else "the path is longer than the seed"
         raise RefineError(
             f"refinement did not reach a path that holds between its samples in {self.rounds} rounds: {what}; "
@@ -113,106 +135,109 @@ class SplineRefiner(NlpOptions):
             seed=seed,
         )
 
+    @property
+    def _is_plain(self) -> bool:
+        """Tell whether nothing but the length shapes the path: the seed is then a bound."""
+        return self.objective.is_length and not (self.rest or self.waypoints or self.tool_paths or self.constraints)
+
+    def _check_ends(self, problem: Problem, seed: Seed) -> None:
+        """Refuse ends that break a bound: no path can cure that."""
+        X = np.array([problem.start_configuration.X, problem.goal_configuration.X])
+        for label, at in (("start", 0), ("goal", 1)):
+            broken = check_configurations(problem, X[at : at + 1], np.zeros(1), self.constraints)
+            if broken is not None:
+                raise RefineError(f"no path can hold: at the {label}, {broken.summary}", violation=broken, seed=seed)
+
+    def _begin(self, problem: Problem, seed: Seed, warm: Refined | None) -> _State:
+        slack = Slack(clearance=self._sag(problem, seed))
+        if warm is None:
+            return _State(slack)
+        knots, samples = warm.path.spline.t, warm.path.anchors
+        return _State(
+            slack, warm.pairs, knots, samples, warm.path.spline, warm.path.anchor_X[1:-1], warm.multipliers
+        )  # fmt: skip
+
+    def _solve(self, nlp: Nlp, options: NlpOptions, state: _State, seed: Seed) -> tuple[Array, dict[str, Any]]:
+        """Solve; on failure keep the best iterate as a path."""
+        multipliers = state.multipliers if len(state.multipliers) == nlp.evaluation.n_g else None
+        try:
+            return solve_nlp(nlp, options, multipliers=multipliers)
+        except RefineError as error:
+            evidence = {**error.evidence, "seed": seed}
+            with suppress(KeyError, ParaoptError):  # there may be no path that closes
+                evidence["path"] = _follow(nlp, error.evidence["x"])
+            raise RefineError(str(error), **evidence) from error
+
     def _sag(self, problem: Problem, seed: Seed) -> float:
-        """Estimate how far the clearance falls between samples: a chord's sag on a curve as tight as the horizon."""
+        """Estimate how far the clearance falls between samples: the sag of a chord on an eighth of the machine."""
         if not problem.scene.pairs:
             return 0.0
         n = self.samples_per_control * self.count_controls(seed)
-        return (seed.length / n) ** 2 / (8.0 * self.choose_horizon(problem))
+        return (seed.length / n) ** 2 / problem.robot.mechanism.length
 
     def _straight(self, nlp: Nlp) -> Path | None:
         """Give the straight path if it holds on a dense check."""
-        path = self._path(nlp, nlp.initial)
-        return path if _check_densely(nlp.problem, path, 10 * len(nlp.samples)) is None else None
-
-    def _path(self, nlp: Nlp, x: Array) -> Path:
-        problem = nlp.problem
-        spline = nlp.spline(x)
-        values = nlp.evaluator(spline(nlp.samples[1:-1]))
-        if not values.converged:
-            raise RefineError("the closures fail on the refined path", spline=spline)
-        X = np.vstack([problem.start_configuration.X, values.X, _solve_goal(problem, values.X[-1], spline(1.0))])
-        return Path(problem.robot, problem.independent, spline, nlp.samples, X)
+        path = _follow(nlp, nlp.initial)
+        return path if check_densely(nlp.problem, path, 10 * len(nlp.samples), self.constraints) is None else None
 
 
 @dataclass(frozen=True, eq=False)
-class _Violation:
-    """Hold the worst violations of a dense check, zero where there is none."""
+class _State:
+    """Hold what one optimisation hands to the next: how dense, how tight, and where to begin."""
 
-    clearance: float
-    singularity: float
-    range: float
-    pairs: NDArray[np.intp]
-    summary: str
+    slack: Slack
+    extra: NDArray[np.intp] = field(default_factory=lambda: np.arange(0))
+    knots: Array | None = None
+    samples: Array | None = None
+    near: BSpline | None = None
+    near_X: Array | None = None
+    multipliers: Array = field(default_factory=lambda: np.zeros(0))
 
-    def tighten(self, slack: Slack) -> Slack:
-        return Slack(
-            slack.clearance + 1.3 * self.clearance + (1e-7 if self.clearance else 0.0),
-            slack.singularity + 1.3 * self.singularity + (1e-7 if self.singularity else 0.0),
-            slack.range + 1.3 * self.range + (1e-9 if self.range else 0.0),
+    def build(self, problem: Problem, seed: Seed, options: NlpOptions) -> Nlp:
+        return build_nlp(
+            problem, seed, options, self.slack, self.extra,
+            knots=self.knots, samples=self.samples, near=self.near, near_X=self.near_X,
+        )  # fmt: skip
+
+    def densify(self, nlp: Nlp, path: Path, violation: Violation) -> _State:
+        """Add samples where something falls short, and a knot where that is more than a sag between samples."""
+        knots, samples = nlp.knots, nlp.samples
+        horizon = nlp.evaluation.barriers.horizon
+        sag = {"clearance": 0.02 * horizon, "singularity": 0.005, "range": 0.005, "held": 0.02}
+        coarse = violation.places(**sag)
+        places = violation.places()
+        edges = np.unique(knots)
+        held = np.unique(np.clip(np.searchsorted(edges, coarse, side="right") - 1, 0, len(edges) - 2))
+        middles = 0.5 * (edges[held] + edges[held + 1])
+        fixed = [(first + 1e-9 < middles) & (middles < last - 1e-9) for first, last in nlp.space.spans]
+        wide = edges[held + 1] - edges[held] > 0.25 / len(edges)  # a place is not divided without end
+        new_knots = np.sort(np.concatenate([knots, middles[wide & ~np.any([~wide, *fixed], axis=0)]]))
+        gaps = np.unique(np.clip(np.searchsorted(samples, places), 1, len(samples) - 1))
+        gaps = gaps[samples[gaps] - samples[gaps - 1] > 0.1 / len(samples)]
+        new = np.union1d(samples, 0.5 * (samples[gaps] + samples[gaps - 1]))
+        if np.setdiff1d(violation.pairs, nlp.evaluator.pairs).size:  # nothing held these apart: begin again at the seed
+            return replace(self, extra=np.union1d(nlp.evaluator.pairs, violation.pairs).astype(int))
+        return _State(
+            violation.tighten(self.slack, samples, new, **sag),
+            np.union1d(nlp.evaluator.pairs, violation.pairs).astype(int),
+            new_knots,
+            new,
+            path.spline,
+            path.solve(new[1:-1]),
         )
+
+
+def _follow(nlp: Nlp, x: Array) -> Path:
+    """Build the path of a solution, with its configurations at the samples."""
+    problem = nlp.problem
+    spline = nlp.spline(x)
+    values = nlp.evaluator(spline(nlp.samples[1:-1]))
+    if not values.converged:
+        raise RefineError("the closures fail on the refined path", spline=spline)
+    X = np.vstack([problem.start_configuration.X, values.X, _solve_goal(problem, values.X[-1], spline(1.0))])
+    return Path(problem.robot, problem.independent, spline, nlp.samples, X)
 
 
 def _solve_goal(problem: Problem, near: Array, values: Array) -> Array:
     """Solve the goal from the last sample, so that angles stay unwrapped along the path."""
     return problem.robot.kinematics.solve_batch(problem.independent, values[None, :], near[None, :]).X[0]
-
-
-def look_for_closest(
-    problem: Problem, path: Path, s: Array, X: Array, parts: int = 10, rounds: int = 6
-) -> tuple[Array, NDArray[np.intp]]:
-    """Measure the clearance at many points of a path, and between them where it may fall below what is asked.
-
-    A distance falls to an edge in a straight line and rises again: between two points it may be lower than at both by
-    as much as the slopes around them let it. There the path is divided again.
-
-    Args:
-        problem: The problem.
-        path: The path.
-        s: Parameters, ascending, shape (n,).
-        X: Configurations there, shape (n, n_variables).
-        parts: Number of parts of a divided interval.
-        rounds: Bound on the divisions.
-
-    Returns:
-        Smallest distances [m] and indices of their pairs at all points that were looked at.
-    """
-    distance, pair = problem.scene.clearances(X)
-    if not problem.scene.pairs:
-        return distance, pair
-    for _ in range(rounds):
-        step = np.diff(s)
-        slope = np.abs(np.diff(distance)) / step
-        steepest = np.maximum(slope, np.maximum(np.append(slope[1:], 0.0), np.append(0.0, slope[:-1])))
-        lowest = 0.5 * (distance[:-1] + distance[1:] - steepest * step)
-        doubtful = np.flatnonzero((lowest < problem.margins.clearance) & (step > 1e-9))
-        if np.min(distance) < problem.margins.clearance or not doubtful.size:
-            break
-        between = (s[doubtful, None] + step[doubtful, None] * (np.arange(1, parts) / parts)).ravel()
-        found, which = problem.scene.clearances(path.solve(between))
-        order = np.argsort(np.concatenate([s, between]), kind="stable")
-        s = np.concatenate([s, between])[order]
-        distance, pair = np.concatenate([distance, found])[order], np.concatenate([pair, which])[order]
-    return distance, pair
-
-
-def _check_densely(problem: Problem, path: Path, count: int) -> _Violation | None:
-    """Look for violations at many points of a path; None when there is none."""
-    X = path.solve(np.linspace(0.0, 1.0, count + 1))
-    low, high = problem.bounds.bounds(problem.robot.mechanism)
-    scale = problem.robot.kinematics.graph.variable_scale
-    beyond = float(np.max(np.maximum(low - X, X - high) / scale, initial=0.0))
-    margins = problem.space.margins(X)
-    kept = [margins.parallel] if problem.allow_mode_change else [margins.parallel, margins.serial]
-    short = problem.margins.singularity - float(np.min(kept))
-    distance, pair = look_for_closest(problem, path, np.linspace(0.0, 1.0, count + 1), X)
-    near = problem.margins.clearance - float(np.min(distance))
-    if beyond <= 0.0 and short <= 0.0 and near <= 0.0:
-        return None
-    offending = np.unique(pair[distance < problem.margins.clearance])
-    named = ", ".join(problem.scene.pairs[p].name for p in offending)
-    summary = (
-        f"range exceeded by {max(beyond, 0):.2g} (scaled), singularity margin short by {max(short, 0):.2g}, "
-        f"clearance short by {1e3 * max(near, 0):.3g} mm{f' ({named})' if named else ''}"
-    )
-    return _Violation(max(near, 0.0), max(short, 0.0), max(beyond, 0.0), offending, summary)
