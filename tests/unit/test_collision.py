@@ -315,6 +315,35 @@ def test_two_meshes() -> None:
     assert measure(one, other)[0] == pytest.approx(0.1, abs=1e-8)
 
 
+@pytest.mark.parametrize("ball_first", [False, True])
+def test_between_two_ways_out_that_are_as_short_one_is_shown(ball_first: bool) -> None:
+    """In the middle of a slab the depth is largest: both ways the distance grows, along the normal as it claims."""
+
+    def pair(z: float) -> tuple[Shape, Shape]:
+        slab, ball = po.Box(size=(4, 4, 1)), po.Sphere(radius=0.1, pose=at(0.1, 0.2, z))
+        return (ball, slab) if ball_first else (slab, ball)
+
+    distance, _, normal = measure(*pair(0.0))
+    assert distance == pytest.approx(-0.6, abs=1e-6)
+    assert abs(normal[2]) == pytest.approx(1.0, abs=1e-6)
+    out = float(np.sign(normal[2])) * (-1.0 if ball_first else 1.0)  # the way of the ball that the normal claims
+    assert measure(*pair(0.01 * out))[0] == pytest.approx(distance + 0.01, abs=1e-6)
+    assert measure(*pair(-0.01 * out))[0] == pytest.approx(distance + 0.01, abs=1e-6)  # faster than the claim of -0.01
+
+
+@pytest.mark.parametrize("turn", [1e-3, -1e-3])
+def test_where_faces_lie_side_by_side_the_distance_grows_no_faster_than_claimed(turn: float) -> None:
+    """Two parallel faces 0.5 apart: whichever way the second box turns, an edge of it comes nearer."""
+    one = po.Box(size=(1, 1, 1))
+    distance, points, normal = measure(one, po.Box(size=(1, 1, 1), pose=at(1.5)))
+    assert distance == pytest.approx(0.5, abs=1e-8)
+    assert_allclose(normal, (1, 0, 0), atol=1e-6)
+    turned = measure(one, po.Box(size=(1, 1, 1), pose=at(1.5, rotation=(0, 0, turn))))[0]
+    claimed = distance + turn * float(np.cross((0, 0, 1), points[1] - (1.5, 0, 0)) @ normal)
+    assert turned <= claimed + 1e-6  # the rate of a face's second-order terms
+    assert turned == pytest.approx(0.5 - 0.5 * abs(turn), abs=1e-6)
+
+
 # --- Conventions of coal itself, which have changed over time: what is relied upon
 
 
