@@ -8,13 +8,14 @@ from paraopt.kinematics.configuration import Configuration
 from paraopt.kinematics.continuation import FollowOptions, follow
 from paraopt.kinematics.elimination import VelocityModel, eliminate_passives
 from paraopt.kinematics.followed import BranchSingularity, Followed, StopReason
+from paraopt.kinematics.free_motion import FreeMotion
 from paraopt.kinematics.legs import Leg, find_legs
 from paraopt.kinematics.margins import Determinants, Margins, MotionSpace
 from paraopt.kinematics.model import Jacobians, Kinematics
 from paraopt.kinematics.multistart import Search, SearchOptions
 from paraopt.kinematics.ranks import Rank, compute_rank, independent_rows, null_space
 from paraopt.kinematics.samples import GeneralState, SampleOptions, find_general_state, sample_configurations
-from paraopt.kinematics.singularity import FreeMotion, Singularity, SingularityReport, report_singularities
+from paraopt.kinematics.singularity import Singularity, SingularityReport, report_singularities
 from paraopt.kinematics.solution import Solution
 from paraopt.kinematics.solve import ClosureSolution, SolveOptions, Status
 from paraopt.kinematics.state import Condition, StateReport, report_state

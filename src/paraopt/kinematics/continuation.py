@@ -13,9 +13,9 @@ from paraopt.errors import DefinitionError
 from paraopt.kinematics.configuration import Configuration
 from paraopt.kinematics.corrector import BranchPoint, Corrector
 from paraopt.kinematics.followed import BranchSingularity, Followed, StopReason
+from paraopt.kinematics.free_motion import FreeMotion, describe_motion
 from paraopt.kinematics.imposed_path import ImposedPath, read_path
 from paraopt.kinematics.model import Kinematics
-from paraopt.kinematics.singularity import FreeMotion
 
 Array = NDArray[np.float64]
 PathLike = Callable[[float], Mapping[str, float] | ArrayLike] | Mapping[str, ArrayLike]
@@ -370,17 +370,4 @@ class _Walk:
 
     def _free_motion(self, point: BranchPoint) -> FreeMotion:
         """Describe the weakest direction as velocities and as a twist of the platform."""
-        mechanism = self.kinematics.mechanism
-        motion = self.corrector.weakest(point)
-        order = np.argsort(-np.abs(motion), kind="stable")
-        largest = float(np.max(np.abs(motion), initial=0.0))
-        velocity, X = motion * self.scale, point.z * self.scale
-        platform = [link.name for link in mechanism.links].index(mechanism.variables[-1].link)
-        R = self.kinematics.poses(X)[0, platform, :3, :3]
-        derivative = self.kinematics.pose_velocity(X, velocity[None, :, None])[0, 0, platform]
-        spin = derivative[:, :3] @ R.T
-        return FreeMotion(
-            dict(zip(mechanism.names, velocity.tolist(), strict=True)),
-            np.concatenate([derivative[:, 3], [spin[2, 1], spin[0, 2], spin[1, 0]]]),
-            tuple(mechanism.names[i] for i in order if largest > 0 and abs(motion[i]) > 1e-3 * largest),
-        )
+        return describe_motion(self.kinematics, point.z * self.scale, self.corrector.weakest(point))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.kinematics.configuration import Configuration
-from paraopt.kinematics.singularity import FreeMotion
+from paraopt.kinematics.free_motion import FreeMotion
 from paraopt.mechanism import Mechanism
 
 Array = NDArray[np.float64]

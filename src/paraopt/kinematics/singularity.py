@@ -15,7 +15,7 @@ constraints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from paraopt.errors import DefinitionError
 from paraopt.kinematics.configuration import Configuration
 from paraopt.kinematics.escape import find_agreeing, find_fastest, find_fastest_on_branches
+from paraopt.kinematics.free_motion import FreeMotion, describe_motion
 from paraopt.kinematics.legs import Leg
 from paraopt.kinematics.margins import Determinants
 from paraopt.kinematics.model import Kinematics
@@ -31,21 +32,6 @@ from paraopt.kinematics.ranks import RANK_TOLERANCE, compute_rank, null_space
 from paraopt.kinematics.samples import GeneralState, SampleOptions, find_general_state, useful_motions
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class FreeMotion:
-    """Hold a velocity of the whole mechanism that the closures allow, of length one in scaled units.
-
-    Attributes:
-        velocities: Velocity of every variable by name [m/s or rad/s].
-        twist: Linear velocity of the platform's origin [m/s] and its angular velocity [rad/s] in the world, shape (6,).
-        moving: Names of the variables that move by more than a thousandth of the largest, largest first.
-    """
-
-    velocities: Mapping[str, float]
-    twist: Array
-    moving: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,17 +283,7 @@ class _Place:
         return Singularity(kind, leg, distance, self._describe(motion), way, rate if leads else 0.0, singular)
 
     def _describe(self, motion: Array) -> FreeMotion:
-        mechanism, scale = self.kinematics.mechanism, self.kinematics.graph.variable_scale
-        largest = float(np.max(np.abs(motion), initial=0.0))
-        order = np.argsort(-np.abs(motion), kind="stable")
-        moving = tuple(mechanism.names[i] for i in order if largest > 0 and abs(motion[i]) > 1e-3 * largest)
-        velocity = motion * scale
-        platform = [link.name for link in mechanism.links].index(mechanism.variables[-1].link)
-        X_W = self.kinematics.poses(self.X)[0, platform]
-        dX_W = self.kinematics.pose_velocity(self.X, velocity[None, :, None])[0, 0, platform]
-        spin = dX_W[:, :3] @ X_W[:3, :3].T
-        twist = np.concatenate([dX_W[:, 3], [spin[2, 1], spin[0, 2], spin[1, 0]]])
-        return FreeMotion(dict(zip(mechanism.names, velocity.tolist(), strict=True)), twist, moving)
+        return describe_motion(self.kinematics, self.X, motion)
 
 
 def _normalised(vector: Array) -> Array:
