@@ -172,6 +172,8 @@ class Ground:
 
         Periodic angles go the short way round.
         """
+        if not ends:
+            return []
         starts = np.array([a.value for a, _ in ends])
         moves = self.problem.turn(np.array([b.value for _, b in ends]) - starts)
         lengths = np.linalg.norm(moves * self.problem.metric, axis=1)

@@ -79,7 +79,7 @@ class MixedSearch:
 
     def _explain(self, problem: Problem, grid: _Grid, error: NoPathError) -> NoPathError:
         """Find out what parts the ends, by a search that solids do not hinder; add it to the error."""
-        solids = [r for r in grid.reasons if r.startswith("collision")]
+        solids = [r for r, _ in grid.reasons.most_common() if r.startswith("collision")]
         others = [r for r in grid.reasons if not r.startswith("collision")]
         parted = "the ends lie in different regions at this step, though their determinants have equal signs: "
         if not solids:
@@ -95,8 +95,11 @@ class MixedSearch:
             except BudgetExceededError:
                 cause, text = "unknown", "whether there is a way without the solids was not found within the budget"
             else:
-                cause, text = "collision", f"without the solids there is a way: {', '.join(solids)} close it"
-        return NoPathError(f"{error}; {text}", **{**error.evidence, "cause": cause})
+                cause, text = (
+                    "collision",
+                    f"without the solids there is a way, closed first of all by {', '.join(solids[:3])}",
+                )
+        return grid.no_path(error.evidence["what"], cause, text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,12 +134,14 @@ class _Grid(Ground):
         spots = self.straighten(self._replan(way), self.cuts)
         return Seed.along(self, spots, step=self.step, straight_reason=straight, switches=switches, queued=way.queued)
 
-    def no_path(self, what: str) -> NoPathError:
+    def no_path(self, what: str, cause: str = "", why: str = "") -> NoPathError:
         """Build the error that says why there is no way, and what blocked it."""
         summary = ", ".join(f"{reason} ({count})" for reason, count in self.reasons.most_common(4))
         return NoPathError(
             f"no path at a step of {1e3 * self.step:.3g} mm: {what}; blocked by {summary or 'nothing'}; "
-            "move the obstacle, lower the margins, or try a finer step",
+            f"{why}{'; ' if why else ''}move the obstacle, lower the margins, or try a finer step",
+            what=what,
+            cause=cause,
             reasons=dict(self.reasons),
             explored=np.array(self.explored),
             blocked=np.array(self.blocked),
