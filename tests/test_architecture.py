@@ -53,6 +53,8 @@ SHARED = {"base", "_base"}
 
 # Backend -> the modules that may import it.
 DOORS = {
+    "coacd": re.compile(r"paraopt\.shapes\.decompose"),
+    "trimesh": re.compile(r"paraopt\.shapes\.decompose"),
     "coal": re.compile(r"paraopt\.scene(\.|$)"),
     "toppra": re.compile(r"paraopt\.planning\.retime"),
     "ruckig": re.compile(r"paraopt\.planning\.retime[_.]ruckig"),

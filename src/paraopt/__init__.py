@@ -107,8 +107,25 @@ from paraopt.planning import (
     verify,
 )
 from paraopt.robot import Limits, Robot
-from paraopt.scene import Clearance, Scene
-from paraopt.shapes import Box, Capsule, Cylinder, Sphere
+from paraopt.scene import (
+    Cable,
+    Clearance,
+    PairRule,
+    Scene,
+)
+from paraopt.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexPolyhedron,
+    Cylinder,
+    DecomposeOptions,
+    HalfSpace,
+    Mesh,
+    Sphere,
+    decompose_mesh,
+    load_mesh,
+)
 from paraopt.spatial import transform
 from paraopt.sweep import sweep
 from paraopt.workspace import ConditioningMap, map_conditioning
@@ -124,6 +141,7 @@ __all__ = [
     "Box",
     "BranchSingularity",
     "BudgetExceededError",
+    "Cable",
     "Capsule",
     "Certificate",
     "CertificateError",
@@ -135,15 +153,19 @@ __all__ = [
     "ClosingUniversal",
     "Coincidence",
     "ConditioningMap",
+    "Cone",
     "Configuration",
+    "ConvexPolyhedron",
     "Cylinder",
     "Cylindrical",
+    "DecomposeOptions",
     "DefinitionError",
     "FirstSuccess",
     "Fixed",
     "FollowOptions",
     "Followed",
     "Gauge",
+    "HalfSpace",
     "InfeasibleError",
     "Isotropy",
     "Jacobians",
@@ -155,6 +177,7 @@ __all__ = [
     "LineContact",
     "Margins",
     "Mechanism",
+    "Mesh",
     "MinimumTime",
     "MissingBackendError",
     "MixedSearch",
@@ -162,6 +185,7 @@ __all__ = [
     "MotionSpace",
     "NoPathError",
     "Objective",
+    "PairRule",
     "ParallelAxes",
     "ParallelPlanes",
     "ParaoptError",
@@ -213,10 +237,12 @@ __all__ = [
     "WorkingModes",
     "build_nlp",
     "condition_numbers",
+    "decompose_mesh",
     "eliminate_passives",
     "find_isotropic",
     "follow",
     "load_mechanism",
+    "load_mesh",
     "load_obstacles",
     "load_robot",
     "map_conditioning",
