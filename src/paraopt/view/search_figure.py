@@ -76,8 +76,10 @@ def draw_search(
             surface = Poly3DCollection(triangles, facecolor=color, alpha=opacity, linewidth=0.0, label=name)
             axes.add_collection3d(surface)
     if seed is not None:
+        waiting = set(map(tuple, seed.queued.tolist()))
+        looked_at = [point for point in seed.explored.tolist() if tuple(point) not in waiting]
         for label, points, color, size in (
-            (f"explored ({len(seed.explored)})", seed.explored, style.GREEN, 5.0),
+            (f"explored ({len(looked_at)})", np.array(looked_at).reshape(-1, 3), style.GREEN, 5.0),
             (f"queued ({len(seed.queued)})", seed.queued, style.ORANGE, 14.0),
         ):
             if len(points):
