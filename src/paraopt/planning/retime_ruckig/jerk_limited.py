@@ -167,20 +167,26 @@ class JerkLimited:
         a, b = np.abs(rows.a) / bound, np.abs(rows.b) / bound
         d1, d2, d3 = (np.abs(d) / limited.jerk for d in (limited.dq, limited.ddq, third))
         only_speed = np.all(a == 0.0, axis=0)
-        top = float(np.max(b[:, only_speed])) ** -0.5
+        # the speed at which nothing is left of a speed limit, of an acceleration limit, of a jerk limit
+        top = 1.0 / float(
+            max(
+                np.max(b[:, only_speed], initial=0.0) ** 0.5,
+                1.001 * np.max(b[:, ~only_speed], initial=0.0) ** 0.5,
+                1.001 * np.max(d3, initial=0.0) ** (1.0 / 3.0),
+                1e-300,
+            )
+        )
         a, b = a[:, ~only_speed], b[:, ~only_speed]
         triples = []
-        for share in [*np.linspace(1.0, 0.0, self.candidates, endpoint=False), *np.geomspace(0.05, 1e-6, 9)]:
+        for share in [*np.linspace(1.0, 0.0, self.candidates, endpoint=False), *np.geomspace(0.05, 1e-4, 6)]:
             V = share * top
-            room = 1.0 - b * V**2
-            if np.any(room <= 0.0):
-                continue
-            A_top = 1.0 / float(np.max(a / room))
+            room, left = 1.0 - b * V**2, 1.0 - d3 * V**3
+            A_top = 1.0 / max(float(np.max(a / room)), float(np.max(3.0 * d2 * V / left)))
             for fraction in np.linspace(1.0, 0.0, max(self.candidates // 2, 1), endpoint=False):
                 A = fraction * A_top
-                left = 1.0 - 3.0 * d2 * V * A - d3 * V**3
-                if np.all(left > 0.0):
-                    triples.append((V, A, 1.0 / float(np.max(d1 / left))))
+                rest = left - 3.0 * d2 * V * A
+                if np.all(rest > 0.0):
+                    triples.append((V, A, 1.0 / float(np.max(d1 / rest))))
         return triples
 
     def _bounds(self, problem: Problem, path: Path, chart: Chart) -> Bounds:
