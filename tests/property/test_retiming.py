@@ -120,8 +120,8 @@ def test_random_paths_stay_within_random_limits(name: str, retimer: Retimer) -> 
 @pytest.mark.timeout(3600)
 @each_robot
 def test_a_thousand_random_paths_stay_within_random_limits(name: str) -> None:
-    check_campaign(name, po.TimeOptimal(), range(1000, 1125))
-    check_campaign(name, po.JerkLimited(), range(1000, 1125))
+    check_campaign(name, po.TimeOptimal(), range(1000, 1250))
+    check_campaign(name, po.JerkLimited(), range(1000, 1250))
 
 
 @each_robot

@@ -14,6 +14,7 @@ from paraopt.planning.law import TimeLaw
 from paraopt.planning.path import Path
 from paraopt.planning.problem import Problem
 from paraopt.planning.retime_base import (
+    LimitedPath,
     LimitUse,
     PathConstraint,
     choose_times,
@@ -77,10 +78,10 @@ class TimeOptimal:
         """
         s = spread_grid(path, self.n_grid)
         for attempt in range(self.refinements + 1):
-            s, rows, law = find_fastest(problem, path, s, self.constraints)
-            n = len(s) - 1
+            grid, rows, law = find_fastest(problem, path, s, self.constraints)
+            s, n = grid.s, len(grid.s) - 1
             times = choose_times(path, law)
-            limited = limit_path(problem, path, law(times), self.constraints)
+            limited = self._look_between(problem, path, grid, law, law(times))
             use = measure_use(limited, law, times)
             # where a bound asks for motion the law cannot be run slower: the grid must do alone
             can_slow = bool(np.all(rows.c <= 0.0) and np.all(limited.stated.c <= 0.0))
@@ -91,6 +92,24 @@ class TimeOptimal:
             violated = use.stretch_at > 1.0 + 0.5 * self.tolerated if attempt else np.ones(len(times), dtype=bool)
             s = refine_grid(s, limited.s[violated])
         return self._finish(path, law, use, n, can_slow)
+
+    def _look_between(self, problem: Problem, path: Path, grid: LimitedPath, law: TimeLaw, s: Array) -> LimitedPath:
+        """Evaluate the path between grid points: through the closures, or by quintic pieces where these are as good.
+
+        How good they are is measured in the middle of every interval, where they are worst.
+        """
+        if grid.platform is None and not self.constraints:
+            middles = 0.5 * (grid.s[1:] + grid.s[:-1])
+            exact, near = limit_path(problem, path, middles), grid.between(middles)
+            speed = np.append(law.coefficients[1], 0.0)
+            square = 0.5 * (speed[1:] ** 2 + speed[:-1] ** 2)[:, None]
+            error = max(
+                float(np.max(np.abs(exact.dq - near.dq) * np.sqrt(square) / grid.velocity)),
+                float(np.max(np.abs(exact.ddq - near.ddq) * square / grid.acceleration)),
+            )
+            if error <= 0.2 * self.reserve:
+                return grid.between(s)
+        return limit_path(problem, path, s, self.constraints)
 
     def _finish(self, path: Path, law: TimeLaw, use: LimitUse, n: int, can_slow: bool) -> Trajectory:
         if use.excess > 1e-3 or (use.stretch > 1.0 + 1e-3 and not can_slow):

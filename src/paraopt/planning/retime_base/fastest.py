@@ -18,7 +18,7 @@ from paraopt.errors import BackendError, RetimeError
 from paraopt.planning.law import TimeLaw
 from paraopt.planning.path import Path
 from paraopt.planning.problem import Problem
-from paraopt.planning.retime_base.limited import limit_path
+from paraopt.planning.retime_base.limited import LimitedPath, limit_path
 from paraopt.planning.retime_base.rows import PathConstraint, PathRows
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ logging.getLogger("toppra").setLevel(logging.CRITICAL)
 
 def find_fastest(
     problem: Problem, path: Path, s: Array, constraints: Sequence[PathConstraint] = ()
-) -> tuple[Array, PathRows, TimeLaw]:
+) -> tuple[LimitedPath, PathRows, TimeLaw]:
     """Find the fastest time law whose limits hold at grid points.
 
     Args:
@@ -39,7 +39,7 @@ def find_fastest(
         constraints: Further bounds.
 
     Returns:
-        The grid, completed near the ends where the motion needs it, the bounds there, and the law.
+        The path on the grid, which is completed near the ends where the motion needs it, all bounds there, and the law.
 
     Raises:
         DefinitionError: A limit is missing.
@@ -53,7 +53,8 @@ def find_fastest(
     finer = _add_near_ends(s, scales)
     if len(finer) > len(s):
         s = finer
-        rows = limit_path(problem, path, s, constraints).rows()
+        limited = limit_path(problem, path, s, constraints)
+        rows = limited.rows()
         scales = _Scales.of(rows)
     _check_moves(path, s, rows)
     speed = _call_toppra(path, s, rows, scales)
@@ -69,7 +70,7 @@ def find_fastest(
         )
     dt = np.diff(s) / means
     breaks = np.concatenate([[0.0], np.cumsum(dt)])
-    return s, rows, TimeLaw(breaks, np.vstack([0.5 * np.diff(speed) / dt, speed[:-1], s[:-1]]))
+    return limited, rows, TimeLaw(breaks, np.vstack([0.5 * np.diff(speed) / dt, speed[:-1], s[:-1]]))
 
 
 # --- The grid

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,8 @@ class LimitedPath:
     Attributes:
         names: Names of the k variables that have a limit: the actuators, and others for which one is stated.
         s: Parameters, shape (n,).
-        dq: First derivatives of these variables with respect to s [m or rad], shape (n, k).
+        q: Values of these variables [m or rad], shape (n, k).
+        dq: First derivatives with respect to s.
         ddq: Second derivatives.
         velocity: Limits [m/s or rad/s], inf where none is stated, shape (k,).
         acceleration: Limits [m/s^2 or rad/s^2].
@@ -35,6 +36,7 @@ class LimitedPath:
 
     names: tuple[str, ...]
     s: Array
+    q: Array
     dq: Array
     ddq: Array
     velocity: Array
@@ -42,6 +44,25 @@ class LimitedPath:
     jerk: Array
     platform: PlatformMotion | None
     stated: PathRows
+
+    def between(self, s: Array) -> LimitedPath:
+        """Give the variables between the places held, by quintic pieces that meet values and both derivatives.
+
+        All knots of the path must be among the places: between them it is smooth, and the pieces are nearly exact.
+        Platform and stated rows are left out.
+        """
+        i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        h = (self.s[i + 1] - self.s[i])[:, None]
+        t = (s - self.s[i])[:, None] / h
+        q, d, c = self.q, self.dq[i] * h, self.ddq[i] * h**2
+        # what the end asks for beyond the parabola of the beginning
+        p = q[i + 1] - q[i] - d - 0.5 * c
+        v, a = self.dq[i + 1] * h - d - c, self.ddq[i + 1] * h**2 - c
+        k3, k4, k5 = 10.0 * p - 4.0 * v + 0.5 * a, -15.0 * p + 7.0 * v - a, 6.0 * p - 3.0 * v + 0.5 * a
+        value = q[i] + t * (d + t * (0.5 * c + t * (k3 + t * (k4 + t * k5))))
+        first = d + t * (c + t * (3.0 * k3 + t * (4.0 * k4 + t * 5.0 * k5)))
+        second = c + t * (6.0 * k3 + t * (12.0 * k4 + t * 20.0 * k5))
+        return replace(self, s=s, q=value, dq=first / h, ddq=second / h**2, platform=None, stated=PathRows.none(len(s)))
 
     def rows(self) -> PathRows:
         """Give all bounds but those of the jerk as rows, divided by their limit: at rest they are -1."""
@@ -91,7 +112,7 @@ def limit_path(problem: Problem, path: Path, s: Array, constraints: Sequence[Pat
         raise RetimeError("the actuators do not move along the path: a path of zero length cannot be timed", path=path)
     bounds = limits.platform()
     return LimitedPath(
-        names, points.s, dq, ddq,
+        names, points.s, points.X[:, index], dq, ddq,
         limits.of("velocity", names), limits.of("acceleration", names), limits.of("jerk", names),
         PlatformMotion.along(problem.robot, points, bounds) if np.any(np.isfinite(bounds)) else None,
         PathRows.join([PathRows.none(len(points.s)), *[c.rows(problem, points) for c in constraints]]),
