@@ -125,6 +125,15 @@ def test_other_steps_find_a_way_too(step: float) -> None:
     assert 0.1592 <= seed.length < 0.25
 
 
+@pytest.mark.parametrize("problem", [problem_of("cylinder"), turning_problem(True)], ids=["raf", "3-RPR"])
+def test_moves_along_the_axes_find_a_way_too(problem: po.Problem) -> None:
+    seeds = [po.MixedSearch(neighbourhood=kind, cuts=0).seed(problem) for kind in ("axes", "full")]  # type: ignore[arg-type]
+    assert len(seeds[0].explored) != len(seeds[1].explored)
+    np.testing.assert_array_equal(po.MixedSearch(cuts=0).seed(problem).points, seeds[1].points)
+    for seed in seeds:
+        assert seed.length < 2.0 * np.linalg.norm((seed.points[-1] - seed.points[0]) * problem.metric)
+
+
 def test_the_step_is_halved_until_a_way_is_found() -> None:
     """The gap lies beside the straight way, and a coarse grid has no node in it."""
     problem = _gate(middle=0.02, width=0.05)
@@ -206,6 +215,8 @@ def test_a_sufficient_budget_is_kept() -> None:
         ({"resolution": 0.0}, "resolution of the search is 0.0"),
         ({"resolution": 1.5}, "resolution of the search is 1.5"),
         ({"resolution": float("nan")}, "resolution of the search is nan"),
+        ({"cuts": -1}, "refinements and cuts must not be negative"),
+        ({"neighbourhood": "some"}, "neighbourhood of the search is 'some'"),
         ({"refinements": -1}, "refinements and cuts must not be negative"),
         ({"max_checks": 0}, "max_checks at least 1"),
     ],

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +28,14 @@ class MixedSearch:
     """Search a grid of the operational space, in depth while free and in breadth along blocked positions.
 
     Attributes:
-        step: Step of the grid in the problem's metric [m]; an eighth of the distance when None.
+        step: Step of the grid in the problem's metric [m]; when None an eighth of the distance, and no less than a
+            thirty-second of the machine's characteristic length.
         refinements: How often the step is halved when no way is found or a way fails between its nodes.
         resolution: Spacing of the checks along an edge, as a fraction of the step.
         max_checks: Number of poses that may be judged before the search gives up.
         cuts: How often the corners of the way are cut.
+        neighbourhood: "full" for all 3^m - 1 positions around one, "axes" for the 2 m along the axes; when None full
+            for up to three coordinates.
 
     Source: Lahouar, III.1.
     """
@@ -41,12 +45,15 @@ class MixedSearch:
     resolution: float = 0.2
     max_checks: int = 60000
     cuts: int = 1
+    neighbourhood: Literal["full", "axes"] | None = None
 
     def __post_init__(self) -> None:
         if self.step is not None and not (np.isfinite(self.step) and self.step > 0):
             raise DefinitionError(f"step of the search is {self.step} m; it must be finite and above 0")
         if self.refinements < 0 or self.cuts < 0 or self.max_checks < 1:
             raise DefinitionError("refinements and cuts must not be negative and max_checks at least 1")
+        if self.neighbourhood not in ("full", "axes", None):
+            raise DefinitionError(f"neighbourhood of the search is {self.neighbourhood!r}; it must be 'full' or 'axes'")
         if not 0 < self.resolution <= 1:
             raise DefinitionError(f"resolution of the search is {self.resolution}; it must be in (0, 1]")
 
@@ -104,9 +111,10 @@ class MixedSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Way:
-    """Hold a chain of valid spots and the indices of those where the search changed its mode."""
+    """Hold a chain of valid spots, their nodes but for the last one, and where the search changed its mode."""
 
     spots: list[Spot]
+    nodes: list[Node]
     turns: list[int]
     queued: list[Array]
 
@@ -119,8 +127,10 @@ class _Grid(Ground):
         super().__init__(problem, validity, options.resolution * step, options.max_checks, block)
         self.step, self.resolution, self.cuts = step, options.resolution, options.cuts
         m = len(problem.independent)
-        full = [d for d in product((-1, 0, 1), repeat=m) if any(d)]
-        self.moves = np.array(full) if m <= 3 else np.vstack([np.eye(m, dtype=int), -np.eye(m, dtype=int)])
+        if options.neighbourhood == "full" or (options.neighbourhood is None and m <= 3):
+            self.moves = np.array([d for d in product((-1, 0, 1), repeat=m) if any(d)])
+        else:
+            self.moves = np.vstack([np.eye(m, dtype=int), -np.eye(m, dtype=int)])
         self.delta = step / problem.metric
 
     def run(self) -> Seed:
@@ -129,9 +139,10 @@ class _Grid(Ground):
         straight, last = try_straight(self)
         if last is not None:
             return Seed.along(self, [origin, last], step=self.step, straight_reason=straight)
-        way = _Search(self, origin, goal).run()
+        search = _Search(self, origin, goal)
+        way = search.run()
         switches = [way.spots[i].value for i in way.turns]
-        spots = self.straighten(self._replan(way), self.cuts)
+        spots = self.straighten(self._replan(way, search), self.cuts)
         return Seed.along(self, spots, step=self.step, straight_reason=straight, switches=switches, queued=way.queued)
 
     def no_path(self, what: str, cause: str = "", why: str = "") -> NoPathError:
@@ -148,7 +159,7 @@ class _Grid(Ground):
             step=self.step,
         )
 
-    def _replan(self, way: _Way) -> list[Spot]:
+    def _replan(self, way: _Way, search: _Search) -> list[Spot]:
         """Search again between the start, the spots where the mode changed, and the goal; keep what is shorter."""
         corners = [0, *way.turns, len(way.spots) - 1]
         result = way.spots[:1]
@@ -159,7 +170,7 @@ class _Grid(Ground):
                 part = [part[0], last]
             elif j - i > 3:
                 try:
-                    again = _Search(self, part[0], part[-1].value, whole=False).run().spots
+                    again = search.between(way.nodes[i], part[-1].value).run().spots
                 except NoPathError:
                     again = part
                 part = min(part, again, key=self.length_of)
@@ -170,12 +181,19 @@ class _Grid(Ground):
 class _Search:
     """Hold one search from a spot to a goal: its lattice, and what is known of it."""
 
-    def __init__(self, grid: _Grid, origin: Spot, goal: Array, whole: bool = True) -> None:
-        self.grid, self.origin, self.goal, self.whole = grid, origin, goal, whole
+    def __init__(self, grid: _Grid, origin: Spot, goal: Array) -> None:
+        self.grid, self.origin, self.goal, self.whole = grid, origin, goal, True
         self.root: Node = (0,) * len(goal)
         self.known: dict[Node, Spot | None] = {self.root: origin}  # None where blocked
         self.closed: set[tuple[Node, Node]] = set()  # edges that are blocked between free nodes
         self._around: dict[Node, list[Node]] = {}
+
+    def between(self, root: Node, goal: Array) -> _Search:
+        """Prepare a search for a part of the way, on the same lattice and with all that is known of it."""
+        part = _Search(self.grid, self.origin, goal)
+        part.root, part.whole = root, False
+        part.known, part.closed = self.known, self.closed
+        return part
 
     def run(self) -> _Way:
         """Search a way whose edges are valid too; round a blocked edge, or search again without it."""
@@ -193,7 +211,8 @@ class _Search:
                     nodes.insert(i, node)
                     modes.insert(i, modes[i - 1])
             turns = [i for i in range(1, len(modes)) if modes[i] != modes[i - 1]]
-            return _Way([*(self._spot(node) for node in nodes), last], turns, [self._spot(n).value for n in queued])
+            spots = [*(self._spot(node) for node in nodes), last]
+            return _Way(spots, nodes, turns, [self._spot(node).value for node in queued])
         raise self.grid.no_path(f"ways exist between the nodes, but {_REPEATS} of them are blocked between two nodes")
 
     def _walk(self) -> tuple[list[Node], list[str], Spot, list[Node]]:

@@ -30,8 +30,8 @@ class Roadmap:
         nodes: Number of positions that are drawn in each round.
         neighbours: Number of nearest positions that each is joined to.
         rounds: How often positions are drawn before the search gives up.
-        step: Length in the problem's metric of which `resolution` is a fraction [m]; an eighth of the distance when
-            None.
+        step: Length in the problem's metric of which `resolution` is a fraction [m]; see `MixedSearch`
+            when None.
         resolution: Spacing of the checks along an edge, as a fraction of the step.
         max_checks: Number of poses that may be judged before the search gives up.
         cuts: How often the corners of a way are cut.

@@ -32,7 +32,7 @@ class RRTConnect:
     Periodic angles are treated on the circle. The same problem gives the same seed.
 
     Attributes:
-        step: Longest edge of the trees in the problem's metric [m]; an eighth of the distance when None.
+        step: Longest edge of the trees in the problem's metric [m]; see `MixedSearch` when None.
         resolution: Spacing of the checks along an edge, as a fraction of the step.
         max_checks: Number of poses that may be judged before the search gives up.
         cuts: How often the corners of the way are cut.
