@@ -182,6 +182,7 @@ def verify(
     _check_range(ledger, problem, X, tolerances)
     _check_limit(ledger, problem, "velocity", V, [X], tolerances.excess)
     _check_limit(ledger, problem, "acceleration", A, [V, X], tolerances.excess)
+    _check_platform(ledger, problem, X, V, tolerances.excess)
     _check_derivatives(ledger, problem, trajectory, X, V, A, tolerances)
     if check_jerk:
         _check_limit(ledger, problem, "jerk", None, [A, V, X], tolerances.excess)
@@ -310,6 +311,37 @@ def _check_limit(
         labels = [f"{name}, by differences" for name in names]
         ways.append((np.abs(values) / (limits * (k * period) ** order), labels, order * k // 2))
     ledger.worse(*((f"{quantity} / limit", share, 1.0 + excess, "1", labels, at) for share, labels, at in ways))
+
+
+def _check_platform(ledger: _Ledger, problem: Problem, X: Array, V: Array, excess: float) -> None:
+    """Check the speeds of the tool point and its link, and differences of them, where the platform has limits.
+
+    The stated velocities of all variables are used; that they belong to the positions is checked elsewhere.
+    """
+    bounds = problem.bounds.platform()
+    if not np.any(np.isfinite(bounds)):
+        return
+    robot, period = problem.robot, float(ledger.t[1])
+    carrier = next(v.link for v in robot.mechanism.variables if v.role == "operational")
+    link, point = robot.tool or (carrier, (0.0, 0.0, 0.0))
+    i = [k.name for k in robot.mechanism.links].index(link)
+    finite = np.all(np.isfinite(X) & np.isfinite(V), axis=1)
+    safe = np.where(finite[:, None], X, problem.start_configuration.X)
+    turned = robot.kinematics.poses(safe)[:, i, :3, :3]
+    rate = robot.kinematics.pose_velocity(safe, np.where(finite[:, None], V, 0.0)[:, :, None])[:, 0, i]
+    linear = rate[:, :, :3] @ np.asarray(point) + rate[:, :, 3]
+    spin = rate[:, :, :3] @ turned.transpose(0, 2, 1)
+    angular = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+    for k, (kind, speed) in enumerate((("linear", linear), ("angular", angular))):
+        speed = np.where(finite[:, None], speed, np.nan)
+        for quantity, values, bound in (
+            ("velocity", speed, bounds[k]),
+            # a mean over an interval is no longer than the longest acceleration in it
+            ("acceleration", np.diff(speed, axis=0) / period, bounds[k + 2]),
+        ):
+            if np.isfinite(bound):
+                share = np.linalg.norm(values, axis=1) / bound
+                ledger.largest(f"{kind} {quantity}", share, 1.0 + excess, "1", ["platform / limit"])
 
 
 def _check_derivatives(

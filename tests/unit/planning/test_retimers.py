@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
+from scipy.spatial.transform import Rotation
 
+import gantry
 import paraopt as po
-from motions import ACCELERATION, JERK, TASKS, VELOCITY, plan_of, problem_of, raf_problem, turning_problem
-from paraopt.planning import Retimer, State
+from motions import ACCELERATION, JERK, TASKS, VELOCITY, other_elbow, plan_of, problem_of, raf_problem, turning_problem
+from paraopt.planning import PathConstraint, PathPoints, Retimer, State
 from paraopt.planning.retime_base import choose_times
 
 RETIMERS: tuple[Retimer, ...] = (po.TimeOptimal(), po.JerkLimited())
@@ -275,3 +278,263 @@ def test_a_missing_jerk_limit_is_named() -> None:
 def test_faulty_options_are_refused(options: dict[str, int]) -> None:
     with pytest.raises(po.DefinitionError, match="at least 8 and 1 are needed"):
         po.JerkLimited(**options)
+
+
+# --- Limits of passive joints and of the platform
+
+
+def _with(name: str, **limits: object) -> po.Problem:
+    """Give a problem with further limits."""
+    bounds = _problem(name).bounds
+    stated = {q: {**getattr(bounds, q)} for q in ("velocity", "acceleration", "jerk")}
+    for quantity, values in limits.items():
+        if quantity in stated:
+            stated[quantity].update(values)  # type: ignore[call-overload]
+    others = {q: v for q, v in limits.items() if q not in stated}
+    return replace(_problem(name), limits=po.Limits(**stated, **others))  # type: ignore[arg-type]
+
+
+def _platform(problem: po.Problem, trajectory: po.Trajectory, count: int) -> dict[str, np.ndarray]:
+    """Measure the platform's motion by differences of poses alone."""
+    t = np.linspace(0.0, trajectory.duration, count)
+    step, links = float(t[1]), [link.name for link in problem.robot.mechanism.links]
+    link, point = problem.robot.tool or ("platform", (0.0, 0.0, 0.0))
+    poses = problem.robot.kinematics.poses(trajectory(t))[:, links.index(link)]
+    place, turned = poses[:, :3, :3] @ np.asarray(point) + poses[:, :3, 3], poses[:, :3, :3]
+    velocity = np.diff(place, axis=0) / step
+    steps = Rotation.from_matrix(turned[1:] @ turned[:-1].transpose(0, 2, 1)).as_rotvec() / step
+    return {
+        "linear_velocity": velocity,
+        "angular_velocity": steps,
+        "linear_acceleration": np.diff(velocity, axis=0) / step,
+        "angular_acceleration": np.diff(steps, axis=0) / step,
+    }
+
+
+@each_retimer
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [  # the RAF's platform does not turn
+        ("cylinder", "linear_velocity"),
+        ("cylinder", "linear_acceleration"),
+        ("3-RPR", "linear_velocity"),
+        ("3-RPR", "angular_velocity"),
+        ("3-RPR", "linear_acceleration"),
+        ("3-RPR", "angular_acceleration"),
+    ],
+)
+def test_the_platform_keeps_its_limits(retimer: Retimer, name: str, quantity: str) -> None:
+    free = _timed(retimer, name)
+    largest = float(np.max(np.linalg.norm(_platform(_problem(name), free, 4001)[quantity], axis=1)))
+    bound = 0.6 * largest
+    problem = _with(name, **{quantity: bound})
+    slower = retimer.retime(problem, _path(name))
+    used = np.max(np.linalg.norm(_platform(problem, slower, 4001)[quantity], axis=1)) / bound
+    # means over short times cannot exceed the limit, and the polygon in the disc gives half a percent away
+    assert used <= 1.001
+    assert used >= 0.97
+    assert slower.duration > free.duration
+    assert po.verify(problem, slower, check_jerk=retimer.bounds_jerk).passed
+    # and a certificate of the motion without this limit fails on this line alone
+    failures = po.verify(problem, free, check_jerk=retimer.bounds_jerk).failures
+    assert [check.name for check in failures] == [quantity.replace("_", " ")]
+
+
+@each_retimer
+@pytest.mark.parametrize("quantity", ["velocity", "acceleration"])
+def test_passive_joints_keep_their_limits(retimer: Retimer, quantity: str) -> None:
+    problem = _problem("3-RPR")
+    passive = problem.robot.mechanism.passive[0]
+    i = problem.robot.mechanism.index(passive)
+    state = _state(retimer, "3-RPR")
+    bound = 0.5 * float(np.max(np.abs(getattr(state, quantity)[:, i])))
+    asked = _with("3-RPR", **{quantity: {passive: bound}})
+    slower = retimer.retime(asked, _path("3-RPR"))
+    again = slower.state(np.linspace(0.0, slower.duration, 20001))
+    assert 0.97 <= np.max(np.abs(getattr(again, quantity)[:, i])) / bound <= 1.001
+    assert slower.duration > _timed(retimer, "3-RPR").duration
+    assert po.verify(asked, slower, check_jerk=retimer.bounds_jerk).passed
+
+
+def test_a_passive_joint_keeps_its_jerk_limit() -> None:
+    passive = _problem("3-RPR").robot.mechanism.passive[0]
+    i = _problem("3-RPR").robot.mechanism.index(passive)
+    state = _state(po.JerkLimited(), "3-RPR")
+    step = float(state.t[1])
+    bound = 0.3 * float(np.max(np.abs(np.diff(state.acceleration[:, i])))) / step
+    slower = po.JerkLimited().retime(_with("3-RPR", jerk={passive: bound}), _path("3-RPR"))
+    again = slower.state(np.linspace(0.0, slower.duration, len(state.t)))
+    assert np.max(np.abs(np.diff(again.acceleration[:, i]))) / again.t[1] <= 1.001 * bound
+
+
+# --- Further bounds, linear in the acceleration and the squared speed of the parameter
+
+
+def _timed_line(constraint: PathConstraint, retimer: type[Retimer] = po.TimeOptimal) -> po.Trajectory:
+    """Time a straight line of 1 m under loose limits of the drives."""
+    path = gantry.line((1.0, 0.0, 0.0))
+    asked = gantry.problem(path, gantry.limits(10.0, 10.0, 1000.0))
+    return retimer(constraints=[constraint]).retime(asked, path)  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize("retimer", [po.TimeOptimal, po.JerkLimited])
+def test_a_stated_row_bounds_the_speed(retimer: type[Retimer]) -> None:
+    slow = po.RowConstraint("speed", lambda points: (0.0, points.dX[:, 0] ** 2, -0.25))  # |dx/dt| <= 0.5 m/s
+    trajectory = _timed_line(slow, retimer)
+    state = trajectory.state(np.linspace(0.0, trajectory.duration, 3001))
+    assert 0.495 <= np.max(state.velocity[:, 0]) <= 0.5
+    assert trajectory.duration == pytest.approx(1.0 / 0.5 + 0.5 / 10.0, rel=0.01)
+
+
+def test_stated_rows_bound_a_force() -> None:
+    """A body of 2 kg with drag 3 N/(m/s)^2 and a drive of 4 N: from the equation of motion, 2 x'' + 3 x'^2 <= 4."""
+
+    def force(points: PathPoints) -> tuple[np.ndarray, np.ndarray, float]:
+        d, c = points.dX[:, 0], points.ddX[:, 0]
+        return 2.0 * d, 2.0 * c + 3.0 * d**2, -4.0
+
+    trajectory = _timed_line(po.RowConstraint("force of the drive", force))
+    state = trajectory.state(np.linspace(0.0, trajectory.duration, 3001))
+    used = 2.0 * state.acceleration[:, 0] + 3.0 * state.velocity[:, 0] ** 2
+    assert 0.99 * 4.0 <= np.max(used) <= 4.0 * 1.001
+    # it speeds up with the whole force: v' = 2 - 1.5 v^2
+    early = state.t < 0.5 * trajectory.duration
+    top = np.sqrt(4.0 / 3.0)
+    np.testing.assert_allclose(state.velocity[early, 0], top * np.tanh(1.5 * top * state.t[early]), atol=0.02)
+
+
+def test_a_row_that_no_speed_satisfies_is_named() -> None:
+    def impossible(points: PathPoints) -> tuple[float, float, np.ndarray]:
+        return 0.0, 0.0, np.where(np.abs(points.s - 0.5) < 0.1, 1.0, -1.0)
+
+    with pytest.raises(po.RetimeError, match=r"'tension of cable 3' at s = 0\.[45]") as caught:
+        _timed_line(po.RowConstraint("tension of cable 3", impossible))
+    assert 0.39 < caught.value.evidence["s"] < 0.61
+    assert caught.value.evidence["row"] == "tension of cable 3"
+
+
+def test_a_row_that_cannot_hold_at_rest_is_named() -> None:
+    always_moving = po.RowConstraint("least speed", lambda points: (0.0, -(points.dX[:, 0] ** 2), 0.01))
+    with pytest.raises(po.RetimeError, match=r"'least speed' cannot hold at rest at the start"):
+        _timed_line(always_moving)
+
+
+def test_a_row_may_ask_for_speed_inside() -> None:
+    """Between rest and rest a least speed is kept where it is asked for."""
+
+    def least(points: PathPoints) -> tuple[float, np.ndarray, np.ndarray]:
+        inside = np.abs(points.s - 0.5) < 0.2
+        return 0.0, np.where(inside, -(points.dX[:, 0] ** 2), 0.0), np.where(inside, 0.25, -1.0)
+
+    trajectory = _timed_line(po.RowConstraint("least speed", least))
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    inside = np.abs(trajectory.law(t) - 0.5) < 0.2
+    assert np.min(trajectory(t, 1)[inside, 0]) >= 0.5
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [((0.0, np.nan, -1.0), "b of the row 'odd' is not finite"), ((np.zeros((3, 2)), 0.0, -1.0), "must be")],
+)
+def test_faulty_rows_are_refused(values: tuple[object, ...], message: str) -> None:
+    with pytest.raises(po.DefinitionError, match=message):
+        _timed_line(po.RowConstraint("odd", lambda points: values))  # type: ignore[arg-type, return-value]
+
+
+# --- How near the jerk-limited law comes to the one without jerk limits
+
+
+@each_problem
+def test_loose_jerk_limits_cost_next_to_nothing(name: str) -> None:
+    bounds = _problem(name).bounds
+    loose = replace(bounds, jerk={n: 1e3 * v for n, v in bounds.jerk.items()})
+    trajectory = po.JerkLimited().retime(replace(_problem(name), limits=loose), _path(name))
+    fastest = _timed(po.TimeOptimal(), name).duration
+    assert trajectory.duration <= 1.03 * fastest
+    assert trajectory.gap == pytest.approx(trajectory.duration / fastest, rel=0.02)
+    assert po.verify(replace(_problem(name), limits=loose), trajectory, check_jerk=True).passed
+
+
+@each_problem
+def test_the_gap_is_stated(name: str) -> None:
+    trajectory = _timed(po.JerkLimited(), name)
+    assert trajectory.gap is not None
+    assert trajectory.gap == trajectory.duration / trajectory.without_jerk
+    assert f"{trajectory.gap:.3f} times the time without jerk limits" in trajectory.method
+    assert _timed(po.TimeOptimal(), name).gap is None
+
+
+def test_uniform_slowing_is_told() -> None:
+    """On a grid that may not be refined the excess between its points is removed by running slower."""
+    trajectory = po.TimeOptimal(n_grid=20, refinements=0).retime(_problem("box"), _path("box"))
+    assert trajectory.slowed > 1.001
+    assert f"run {100 * (trajectory.slowed - 1.0):.2g} % slower" in trajectory.method
+    assert po.verify(_problem("box"), trajectory).passed
+
+
+# --- Point to point
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_a_joint_move_stays_on_its_branch(straight: bool) -> None:
+    problem = _problem("free")
+    trajectory = po.JointMove(straight=straight).move(problem)
+    certificate = po.verify(problem, trajectory, check_jerk=True)
+    assert certificate.passed, str(certificate)
+    # the slowest drive alone decides: its closed form needs no retimer
+    distance = np.abs(problem.goal_configuration.active - problem.start_configuration.active)
+    assert trajectory.duration >= np.max(distance) / VELOCITY
+    assert trajectory.path.independent == JACKS
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_all_drives_arrive_together(straight: bool) -> None:
+    trajectory = po.JointMove(straight=straight).move(_problem("free"))
+    speeds = np.abs(trajectory(np.linspace(0.0, trajectory.duration, 2001), 1)[:, :3])
+    last = [int(np.flatnonzero(v > 1e-4 * np.max(v))[-1]) for v in speeds.T if np.max(v) > 1e-6]
+    assert min(last) > 1900
+    if straight:
+        q = trajectory(np.linspace(0.0, trajectory.duration, 101))[:, :3]
+        moves = np.abs(q[-1] - q[0]) > 1e-6  # by symmetry one of the three stands still
+        done = (q[:, moves] - q[0, moves]) / (q[-1, moves] - q[0, moves])
+        assert done.shape[1] >= 2
+        np.testing.assert_allclose(done, np.tile(done[:, :1], (1, done.shape[1])), atol=1e-9)
+
+
+def test_via_points_are_passed_without_a_stop_where_that_is_asked_for() -> None:
+    robot = gantry.gantry()
+    asked = po.Problem(
+        po.Scene(robot), dict.fromkeys("xyz", 0.0), {"x": 1.0, "y": 0.5, "z": 0.0}, limits=gantry.limits(1.0, 2.0, 20.0)
+    )
+    via = [{"x": 0.4, "y": 0.3, "z": 0.0}, {"x": 0.7, "y": 0.4, "z": 0.0}]
+    stops, passes = (po.JointMove(blend=blend).move(asked, via) for blend in (0.0, 2.0))
+    assert passes.duration < 0.9 * stops.duration
+    for trajectory, stands in ((stops, True), (passes, False)):
+        t = np.linspace(0.0, trajectory.duration, 20001)
+        q, speed = trajectory(t)[:, :3], np.linalg.norm(trajectory(t, 1)[:, :3], axis=1)
+        for point in via:
+            gap = np.linalg.norm(q - list(point.values()), axis=1)
+            assert np.min(gap) < 1e-3
+            assert bool(speed[int(np.argmin(gap))] < 0.05) is stands
+        assert po.verify(asked, trajectory, check_jerk=True).passed
+
+
+def test_a_joint_move_that_leaves_its_branch_is_refused() -> None:
+    """The goal in another working mode of the same assembly: straight there the loops open, or end elsewhere."""
+    problem = raf_problem(goal=other_elbow("A"))
+    with pytest.raises(po.InfeasibleError, match=r"another assembly|on their branch"):
+        po.JointMove().move(problem)
+
+
+@pytest.mark.parametrize("options", [{"blend": -0.1}, {"blend": 2.5}, {"blend": 1.0, "straight": True}])
+def test_faulty_moves_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(po.DefinitionError, match="blend is"):
+        po.JointMove(**options)  # type: ignore[arg-type]
+
+
+def test_a_slow_platform_slows_a_joint_move() -> None:
+    problem = _with("free", linear_velocity=0.05)
+    trajectory = po.JointMove().move(problem)
+    assert trajectory.slowed > 1.1
+    assert "slower for the platform" in trajectory.method
+    assert po.verify(problem, trajectory, check_jerk=True).passed

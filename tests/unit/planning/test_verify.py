@@ -556,7 +556,8 @@ def test_a_spike_in_a_stated_acceleration_is_caught() -> None:
 
 def _overwrite(order: int, where: str, value: float) -> Callable[[Array, Array, int], Array]:
     def spoil(t: Array, values: Array, asked: int) -> Array:
-        if asked == order:
+        # closer looks ask for few times: what spoils one sample is not among them
+        if asked == order and (where == "everything" or len(values) > 400):
             part = {"one entry": (400, _index("arm A")), "one row": 400, "everything": slice(None)}[where]
             values[part] = value
         return values

@@ -203,6 +203,8 @@ def _call_toppra(path: Path, s: Array, rows: PathRows, scales: _Scales) -> Array
                 parametrizer="ParametrizeConstAccel",
             )  # fmt: skip
             _, speed, _, controllable = instance.compute_parameterization(0.0, 0.0, return_data=True)
+        except ZeroDivisionError:  # a row of zeros that cannot hold: the reason is found below
+            break
         except (ValueError, RuntimeError, FloatingPointError) as error:
             raise BackendError(f"toppra failed: {error}", path=path) from error
         if speed is not None and np.all(np.isfinite(speed)):
