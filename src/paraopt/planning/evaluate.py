@@ -140,3 +140,33 @@ class SampleEvaluator:
         H[:, :, k, j] = upper
         H[:, :, j, k] = upper
         return H
+
+    def bend_margins(self, X: Array, T: Array, weights: Array, step: float = 1e-6) -> Array:
+        """Give second derivatives of `weights . margins`, by central differences of the exact gradients.
+
+        Args:
+            X: Closed configurations, shape (n, n_variables).
+            T: Motions there, shape (n, n_variables, m).
+            weights: Those of the parallel and the serial margin, shape (n, 2).
+            step: Step in the independent coordinates, in characteristic lengths or radians.
+
+        Returns:
+            Shape (n, m, m); zero where the weights are.
+        """
+        n, _, m = T.shape
+        bent = np.zeros((n, m, m))
+        strongest = max(float(np.max(np.abs(weights), initial=0.0)), 1e-12)
+        at = np.flatnonzero(np.any(np.abs(weights) > 1e-3 * strongest, axis=1))
+        if not at.size:
+            return bent
+        problem, scale = self.problem, self.scale[self._independent]
+        moves = step * np.vstack([np.diag(scale), -np.diag(scale)])
+        near = (X[at, None, :] + np.einsum("avm,km->akv", T[at], moves)).reshape(-1, X.shape[1])
+        closed = problem.robot.kinematics.solve_batch(problem.independent, near[:, self._independent], near)
+        _, parallel, serial, _, _ = problem.space.margin_gradients(closed.X, problem.space.tangent(closed.X))
+        slopes = np.stack([parallel, serial], axis=1).reshape(len(at), 2, m, 2, m)
+        second = (slopes[:, 0] - slopes[:, 1]) / (2.0 * step * scale[:, None, None])
+        found = np.einsum("ajkm,ak->ajm", second, weights[at])
+        found[~np.all(closed.converged.reshape(len(at), -1), axis=1)] = 0.0
+        bent[at] = 0.5 * (found + found.transpose(0, 2, 1))
+        return bent

@@ -256,7 +256,7 @@ def _indices(problem: Problem, names: Sequence[str] | Mapping[str, float]) -> li
 def _refit(tool: ToolPath, knots: Array, degree: int, first: float, last: float) -> Array:
     """Write a curve on finer knots and of a higher degree; shape (controls, k)."""
     n = len(knots) - degree - 1
-    s = np.array([knots[i + 1 : i + degree + 1].mean() for i in range(n)])
+    s = np.clip([knots[i + 1 : i + degree + 1].mean() for i in range(n)], first, last)
     u = np.clip((s - first) / (last - first), 0.0, 1.0)
     fitted = make_interp_spline(s, tool.curve(u), degree, t=knots)
     between = np.linspace(first, last, 97)
@@ -271,17 +271,19 @@ def _refit(tool: ToolPath, knots: Array, degree: int, first: float, last: float)
 
 def _jumps(basis: BSpline, edge: float, degree: int) -> list[Array]:
     """Give the jumps of the first two derivatives of all basis functions at a knot."""
-    pieces = PPoly.from_spline(basis)
-    inside = np.flatnonzero(np.diff(pieces.x) > 0)
-    left = inside[np.flatnonzero(np.abs(pieces.x[inside + 1] - edge) < 1e-9)[0]]
-    right = inside[np.flatnonzero(np.abs(pieces.x[inside] - edge) < 1e-9)[0]]
-    width = pieces.x[left + 1] - pieces.x[left]
+    single = [PPoly.from_spline(BSpline(basis.t, column, degree)) for column in basis.c.T]
+    breaks, coefficients = single[0].x, np.stack([piece.c for piece in single], axis=2)
+    inside = np.flatnonzero(np.diff(breaks) > 0)
+    left = inside[np.flatnonzero(np.abs(breaks[inside + 1] - edge) < 1e-9)[0]]
+    right = inside[np.flatnonzero(np.abs(breaks[inside] - edge) < 1e-9)[0]]
+    width = breaks[left + 1] - breaks[left]
     rows = []
     for order in (1, 2):
         powers = np.arange(degree, -1, -1)
         factor = np.where(powers >= order, np.prod([powers - i for i in range(order)], axis=0), 0.0)
-        before = (factor * np.where(powers >= order, width ** np.maximum(powers - order, 0), 0.0)) @ pieces.c[:, left]
-        after = factor[degree - order] * pieces.c[degree - order, right]
+        reach = np.where(powers >= order, width ** np.maximum(powers - order, 0), 0.0)
+        before = (factor * reach) @ coefficients[:, left]
+        after = factor[degree - order] * coefficients[degree - order, right]
         row = before - after
         rows.append(row / np.max(np.abs(row)))
     return rows

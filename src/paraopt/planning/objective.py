@@ -27,15 +27,18 @@ class Objective:
         bending: Weight of `integral |d2x/ds2|^2 / D^2`.
         margin: Weight of the smallest singularity margin on the path, which is made large.
         time: Weight of the duration over that of the first guess, under the velocity and acceleration limits.
+        evenness: Weight of `integral |dx/ds|^2 / D^2 - (integral |dx/ds| / D)^2`, zero for a path run evenly; it has no
+            say in the shape. Of use where the length does not spread the samples.
     """
 
     length: float = 1.0
     bending: float = 0.0
     margin: float = 0.0
     time: float = 0.0
+    evenness: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("length", "bending", "margin", "time"):
+        for name in ("length", "bending", "margin", "time", "evenness"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise DefinitionError(f"weight of {name} is {value}; it must be finite and not negative")
@@ -203,7 +206,11 @@ class Evaluation:
         half = self._energy @ y
         f = float(y @ half + 2.0 * self._linear @ y) + self._constant + barrier
         d_f = np.zeros(self.n_x)
-        d_f[: self.n_y] = 2.0 * (half + self._linear) + (d_barrier * self.to_physical).ravel() @ self._flat
+        if self.objective.evenness:
+            uneven, d_uneven, _ = self._evenness(y)
+            f += self.objective.evenness * uneven
+            d_f[: self.n_y] = self.objective.evenness * d_uneven
+        d_f[: self.n_y] += 2.0 * (half + self._linear) + (d_barrier * self.to_physical).ravel() @ self._flat
         g = [v.bounded, v.margins, v.held, v.distances / self.barriers.horizon]
         d_g = [v.d_bounded, v.d_margins, v.d_held, v.d_distances / self.barriers.horizon]
         if self.n_level:
@@ -264,12 +271,14 @@ class Evaluation:
     def hessian(self, x: Array, weight_f: float, multipliers: Array) -> Array:
         """Give the second derivative of `weight_f f + multipliers . g`, shape (n_x, n_x).
 
-        Length, bending, ranges, the user's own constraints, waypoints and limits of the drives are exact; barriers
-        enter by Gauss-Newton; the curvature of margins and distances is left out.
+        Length, bending, ranges, margins, the user's own constraints, waypoints and limits of the drives are exact;
+        barriers enter by Gauss-Newton; the curvature of distances is left out.
         """
         H = np.zeros((self.n_x, self.n_x))
         y = slice(0, self.n_y)
         H[y, y] = 2.0 * weight_f * self._energy
+        if self.objective.evenness:
+            H[y, y] += weight_f * self.objective.evenness * self._evenness(x[: self.n_y])[2]
         v = self.at(x).values
         if v is None:
             return H
@@ -277,11 +286,16 @@ class Evaluation:
         b, u = len(self.evaluator.bounded), len(self.evaluator.held)
         W = weight_f * self._barriers(v)[2]
         on_range, on_held = by_sample[:, :b], by_sample[:, b + 2 : b + 2 + u]
+        on_margins = by_sample[:, b : b + 2].copy()
+        if self.n_level:
+            on_margins[:, : self.kinds] += by_sample[:, self.per_sample - self.kinds :]
+        W = W + self.evaluator.bend_margins(v.X, v.T, on_margins)
         weights = np.zeros_like(v.X)
         weights[:, self.evaluator.bounded] = on_range / self.evaluator.scale[self.evaluator.bounded]
         after = self.n * self.per_sample
-        for k, (_, move, _, radius) in enumerate(self.balls):
-            H[y, y] += multipliers[after + k] * 2.0 / radius**2 * move[0].T @ move[0]
+        for k, (_, move, centre, radius) in enumerate(self.balls):
+            counted = move[0][np.isfinite(centre)]
+            H[y, y] += multipliers[after + k] * 2.0 / radius**2 * counted.T @ counted
         if self.time is not None:
             weights[:, self._active] += self._add_time(H, x, v, weight_f, multipliers[after + len(self.balls) :])
         is_bent = bool(np.any(np.abs(weights) > 1e-12))
@@ -316,6 +330,29 @@ class Evaluation:
         H[: self.n_y, first:] += mixed[:, 1:-1]
         H[first:, : self.n_y] += mixed[:, 1:-1].T
         return on_q[1:-1]
+
+    # -- evenness ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _quadrature(self) -> tuple[Array, Array, Array]:
+        """Give weights of points between the knots, slopes there for y = 0, and their change with y."""
+        nodes, weights = np.polynomial.legendre.leggauss(4)
+        edges = np.unique(self.space.knots)
+        mid, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+        s = (mid[:, None] + half[:, None] * nodes).ravel()
+        return (half[:, None] * weights).ravel(), *self.space.motions(s, 1)
+
+    def _evenness(self, y: Array) -> tuple[float, Array, Array]:
+        """Give the variance of the speed of s, its gradient, and its second derivative for a nearly even path."""
+        weights, slopes, moves = self._quadrature
+        slope = slopes + moves @ y
+        speed = np.maximum(np.linalg.norm(slope, axis=1), 1e-9)
+        length = float(weights @ speed)
+        along = np.einsum("qm,qmy->qy", slope / speed[:, None], moves)
+        d_length = weights @ along
+        value = float(weights @ speed**2) - length**2
+        gradient = 2.0 * np.einsum("q,qm,qmy->y", weights, slope, moves) - 2.0 * length * d_length
+        return value, gradient, 2.0 * (along.T @ (weights[:, None] * along) - np.outer(d_length, d_length))
 
     # -- barriers --------------------------------------------------------------------------------------------------
 

@@ -36,6 +36,7 @@ class Refined:
         pairs: Pairs of bodies that were held apart.
         multipliers: Those of the constraints at the end; they make a fresh start short.
         duration: Duration under the limits of the drives [s], where it was made small; else nan.
+        speeds: Parameters and squared path speeds there [1/s^2], where they are known.
     """
 
     path: Path
@@ -49,6 +50,7 @@ class Refined:
     pairs: NDArray[np.intp] = field(default_factory=lambda: np.arange(0), repr=False)
     multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     duration: float = np.nan
+    speeds: tuple[Array, Array] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ class SplineRefiner(NlpOptions):
             if violation is None and not is_longer:
                 return Refined(
                     path, length, iterations, round_, stats["weight"], len(nlp.samples), evaluations,
-                    stats["objective"], nlp.evaluator.pairs, stats["multipliers"],
+                    stats["objective"], nlp.evaluator.pairs, stats["multipliers"], speeds=nlp.speeds(x),
                 )  # fmt: skip
             if violation is None:
                 if len(seed.points) == 2 and (straight := self._straight(nlp)) is not None:
@@ -122,10 +124,10 @@ class SplineRefiner(NlpOptions):
                 # the barriers pushed it past the seed's length: let them push less
                 weight = 0.1 * stats["weight"]
                 options = replace(options, barrier=weight, final_barrier=weight)
-                state = replace(state, near=path.spline, near_X=path.anchor_X[1:-1])
+                state = replace(state, near=path.spline, near_X=path.anchor_X[1:-1], speeds=nlp.speeds(x))
             else:
                 options = replace(options, barrier=options.final_barrier)
-                state = state.densify(nlp, path, violation)
+                state = replace(state.densify(nlp, path, violation), speeds=nlp.speeds(x))
         what = violation.summary if violation else "the path is longer than the seed"
         raise RefineError(
             f"refinement did not reach a path that holds between its samples in {self.rounds} rounds: {what}; "
@@ -154,7 +156,7 @@ class SplineRefiner(NlpOptions):
             return _State(slack)
         knots, samples = warm.path.spline.t, warm.path.anchors
         return _State(
-            slack, warm.pairs, knots, samples, warm.path.spline, warm.path.anchor_X[1:-1], warm.multipliers
+            slack, warm.pairs, knots, samples, warm.path.spline, warm.path.anchor_X[1:-1], warm.multipliers, warm.speeds
         )  # fmt: skip
 
     def _solve(self, nlp: Nlp, options: NlpOptions, state: _State, seed: Seed) -> tuple[Array, dict[str, Any]]:
@@ -192,11 +194,13 @@ class _State:
     near: BSpline | None = None
     near_X: Array | None = None
     multipliers: Array = field(default_factory=lambda: np.zeros(0))
+    speeds: tuple[Array, Array] | None = None
 
     def build(self, problem: Problem, seed: Seed, options: NlpOptions) -> Nlp:
         return build_nlp(
             problem, seed, options, self.slack, self.extra,
             knots=self.knots, samples=self.samples, near=self.near, near_X=self.near_X,
+            speeds=self.speeds,
         )  # fmt: skip
 
     def densify(self, nlp: Nlp, path: Path, violation: Violation) -> _State:

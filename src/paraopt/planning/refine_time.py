@@ -29,8 +29,8 @@ class MinimumTime(SplineRefiner):
         retimer: What times the paths.
     """
 
-    time: Objective = field(default_factory=lambda: Objective(length=0.01, time=1.0))
-    time_iterations: int = 200
+    time: Objective = field(default_factory=lambda: Objective(length=0.0, time=1.0, evenness=0.1))
+    time_iterations: int = 120
     retimer: Retimer = field(default_factory=TimeOptimal)
 
     def __post_init__(self) -> None:
@@ -56,9 +56,12 @@ class MinimumTime(SplineRefiner):
             RetimeError: Its path cannot be timed.
         """
         first = super().refine(problem, seed, warm)
-        first = replace(first, duration=self.retimer.retime(problem, first.path).duration)
+        law = self.retimer.retime(problem, first.path).law
+        s = first.path.anchors
+        first = replace(first, duration=law.duration, speeds=(s, law(law.time_at(s), 1) ** 2))
         options = {name: getattr(self, name) for name in SplineRefiner.__dataclass_fields__}
-        options |= {"objective": self.time, "backend": "ipopt", "iterations": self.time_iterations}
+        options |= {"objective": self.time, "backend": "ipopt"}
+        options |= {"iterations": self.time_iterations, "rounds": min(self.rounds, 3)}
         try:
             second = SplineRefiner(**options).refine(problem, seed, first)
             duration = self.retimer.retime(problem, second.path).duration

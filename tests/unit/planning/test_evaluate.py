@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import paraopt as po
 from motions import problem_of, turning_problem
-from paraopt.planning.evaluate import SampleEvaluator
+from paraopt.planning.evaluate import SampleEvaluator, SampleValues
 from support import assert_derivative
 
 CASES = {
@@ -70,6 +71,36 @@ def test_values_are_those_of_kinematics_and_scene(name: str) -> None:
     bounded = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
     np.testing.assert_array_equal(evaluator.bounded, bounded)
     np.testing.assert_array_equal(result.bounded, result.X[:, bounded] / scale[bounded])
+
+
+def test_own_quantities_and_second_derivatives_are_exact() -> None:
+    problem, values, plain = _evaluator("3-RPR ball")
+    bounds = [
+        po.PathBound("turn", lambda v, X: ca.sin(v["theta"]) * X["rod 1"][0, 3], scale=0.5),
+        po.PathBound("leg", lambda v, _: v["rho1"] ** 2 + v["phi2"]),
+    ]
+    evaluator = SampleEvaluator(problem, plain(values).X, plain.pairs, bounds)
+    result = evaluator(values)
+    names = problem.robot.mechanism.names
+    expected = result.X[:, names.index("rho1")] ** 2 + result.X[:, names.index("phi2")]
+    np.testing.assert_allclose(result.held[:, 1], expected, rtol=0, atol=1e-12)
+    second = evaluator.second(result.X, result.T)
+    weights = np.array([[0.7, -0.4], [0.2, 1.1]])
+    bent = evaluator.held.curvature(result.X, result.T, second, weights)
+    margins = evaluator.bend_margins(result.X, result.T, weights)
+    for i in range(len(values)):
+
+        def at(point: np.ndarray, i: int = i) -> SampleValues:
+            moved = values.copy()
+            moved[i] = point
+            return evaluator(moved)
+
+        assert_derivative(result.d_held[i], lambda p, at=at, i=i: at(p).held[i], values[i], step=1e-3, tolerance=1e-7)
+        # second derivatives against first ones: every variable, the own quantities, the margins
+        assert_derivative(second[i], lambda p, at=at, i=i: at(p).T[i], values[i], step=1e-3, tolerance=1e-6)
+        for matrix, name in ((bent[i], "d_held"), (margins[i], "d_margins")):
+            slope = lambda p, at=at, i=i, name=name: weights[i] @ getattr(at(p), name)[i]  # noqa: E731
+            assert_derivative(matrix, slope, values[i], step=1e-3, tolerance=1e-5)
 
 
 def test_what_cannot_be_closed_is_said_and_forgotten() -> None:

@@ -369,9 +369,9 @@ def test_restarts_from_perturbed_seeds_find_nothing_much_shorter(task: str) -> N
     random = np.random.default_rng(11)
     lengths: list[float] = []
     tried = 0
-    while len(lengths) < 10:
+    while len(lengths) < 20:
         tried += 1
-        assert tried <= 30, f"only {len(lengths)} of {tried} restarts led to a path"
+        assert tried <= 60, f"only {len(lengths)} of {tried} restarts led to a path"
         seed = _perturbed(plan.seed, random)
         if seed is None:
             continue
@@ -384,4 +384,4 @@ def test_restarts_from_perturbed_seeds_find_nothing_much_shorter(task: str) -> N
         distance, _ = problem.scene.clearances(refined.path.solve(np.linspace(0.0, 1.0, 501)))
         assert distance.min() >= CLEARANCE - 1e-6
         lengths.append(refined.length)
-    assert plan.refined.length <= 1.02 * min(lengths)
+    assert plan.refined.length <= 1.005 * min(lengths)
