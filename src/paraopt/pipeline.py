@@ -132,14 +132,17 @@ class Plan:
 
 
 def choose_seeder(problem: Problem) -> Seeder:
-    """Choose a seeder by the number of coordinates: a grid for a few of them, random trees behind it for more.
+    """Choose a seeder: a grid for a few coordinates, random trees behind it for more, and where it is not enough.
 
     Args:
         problem: The problem.
 
     Returns:
-        The mixed search; for more than three coordinates a short one, followed by RRT-Connect.
+        The mixed search; for more than three coordinates a short one, followed by RRT-Connect; followed by RRT-Connect,
+        too, where the working mode may change: a position may then have several solutions, of which the grid knows one.
     """
+    if problem.allow_mode_change:
+        return FirstSuccess((MixedSearch(), RRTConnect()))
     if len(problem.independent) <= 3:
         return MixedSearch()
     return FirstSuccess((MixedSearch(refinements=0, max_checks=5000), RRTConnect()))

@@ -368,7 +368,8 @@ class Ground:
             target = len(spots) - 1
             while target > here + 1:
                 _, seen = self.edge(result[-1], spots[target].value)
-                if seen is not None:
+                # a straight motion may end in another solution of the same coordinates
+                if seen is not None and self.is_same(seen, spots[target]):
                     best, reached = target, seen
                     break
                 target = here + 1 + (target - here - 1) // 2
@@ -404,4 +405,6 @@ class Ground:
         if last is None:
             return None
         result.append(last)
+        if not self.is_same(last, spots[-1]):
+            return None
         return result if self.length_of(result) < (1.0 - gain) * self.length_of(spots) else None

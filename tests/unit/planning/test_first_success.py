@@ -59,6 +59,9 @@ def test_no_seeder_is_refused() -> None:
 
 def test_the_number_of_coordinates_chooses_the_seeder() -> None:
     assert choose_seeder(problem_of("free")) == po.MixedSearch()
+    changing = choose_seeder(raf_problem(allow_mode_change=True))
+    assert isinstance(changing, po.FirstSuccess)
+    assert changing.seeders[0] == po.MixedSearch()
     robot = po.robots.stewart()
     home = robot.home_configuration
     many = choose_seeder(po.Problem(po.Scene(robot), home, home))

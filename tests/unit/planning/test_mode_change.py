@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import paraopt as po
+from paraopt.planning.validity import compare_configurations
 from support import five_bar_robot
 
 POSE = {"x": 6.0, "y": 7.0}
@@ -113,6 +114,37 @@ def test_a_pose_is_reached_in_a_mode_on_the_same_side() -> None:
     seed = po.MixedSearch().seed(problem)
     index = problem.robot.mechanism.indices(("x", "y"))
     assert seed.X[-1][index] == pytest.approx([3.0, 8.0], abs=1e-9)
+
+
+def assemblies(first: float, second: float) -> po.Problem:
+    """Ask for another assembly of the 3-RPR with the same drives, in the coordinates of the drives; x tells which."""
+    robot = po.robots.three_rpr_innocenti()
+    robot = po.Robot(robot.mechanism, home=robot.home, limits=robot.limits)
+    modes = robot.kinematics.assembly_modes({"rho1": 15.0, "rho2": 15.4, "rho3": 12.0}).modes
+    ends = [next(m.configuration for m in modes if abs(m.configuration["x"] - x) < 0.5) for x in (first, second)]
+    return po.Problem(po.Scene(robot), *ends, margins=po.Margins(0.0, 0.01), allow_mode_change=True)
+
+
+def test_trees_find_the_loop_of_the_drives_that_changes_the_assembly() -> None:
+    """The drives come back to where they were, the platform does not: a way round a cusp, without a singularity."""
+    problem = assemblies(14.94, -13.39)
+    seed = po.RRTConnect().seed(problem)
+    np.testing.assert_allclose(seed.points[0], seed.points[-1], atol=1e-9)
+    assert seed.length > 10.0
+    kinematics, walk = problem.robot.kinematics, [seed.X[0]]
+    for values in seed.at(np.linspace(0.0, 1.0, 3001))[1:]:
+        closed = kinematics.solve_batch(problem.independent, values[None], walk[-1][None])
+        assert closed.converged[0]
+        walk.append(closed.X[0])
+    X = np.array(walk)
+    assert np.all(problem.determinants(X)[0] > 0.0)
+    assert compare_configurations(problem, X[-1], problem.goal_configuration.X)[1] < 1e-6
+
+
+def test_a_grid_that_knows_one_solution_for_each_position_says_so() -> None:
+    with pytest.raises(po.NoPathError, match=r"another solution of the closures.* try RRTConnect") as caught:
+        po.MixedSearch().seed(assemblies(14.94, -13.39))
+    assert caught.value.evidence["cause"] == "solution"
 
 
 def test_more_actuators_than_coordinates_are_refused() -> None:

@@ -177,3 +177,44 @@ def test_the_printed_goal_of_the_3_rpr_is_refused() -> None:
     crossings = np.flatnonzero(np.diff(np.sign(parallel)))
     assert len(crossings) == 1
     assert crossings[0] / 400 <= 0.4145 <= (crossings[0] + 1) / 400
+
+
+# --- Metric, turns and modes
+
+
+@pytest.mark.parametrize("length", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_faulty_characteristic_length_is_refused(length: float) -> None:
+    with pytest.raises(po.DefinitionError, match="characteristic length of the metric is"):
+        raf_problem(characteristic_length=length)
+
+
+def test_fewer_turns_than_none_are_refused() -> None:
+    with pytest.raises(po.DefinitionError, match="number of full turns is -1"):
+        raf_problem(turns=-1)
+
+
+def test_the_characteristic_length_weighs_angles_alone() -> None:
+    usual = turning_problem(False)
+    other = po.Problem(usual.scene, usual.start, usual.goal, characteristic_length=7.0)
+    assert usual.metric.tolist() == [1.0, 1.0, usual.robot.mechanism.length]
+    assert other.metric.tolist() == [1.0, 1.0, 7.0]
+    assert other.periodic.tolist() == [False, False, True]
+    np.testing.assert_array_equal(other.goal_values(), usual.goal_values())
+
+
+def test_turns_bound_periodic_coordinates_alone() -> None:
+    usual = turning_problem(False)
+    low, high = usual.start_configuration.X[usual.index], usual.goal_values()
+    for turns in (0, 1, 3):
+        problem = po.Problem(usual.scene, usual.start, usual.goal, turns=turns)
+        lower, upper = problem.turn_bounds
+        assert np.all(np.isinf(lower[:2]) & np.isinf(upper[:2]))
+        # a rounding's room is left at both ends
+        assert lower[2] == pytest.approx(low[2] - 2 * np.pi * turns, abs=1e-8)
+        assert upper[2] == pytest.approx(high[2] + 2 * np.pi * turns, abs=1e-8)
+
+
+def test_differences_of_angles_go_the_short_way() -> None:
+    problem = turning_problem(False)
+    turned = problem.turn(np.array([[4.0, -4.0, 4.0], [0.0, 0.0, -np.pi]]))
+    np.testing.assert_allclose(turned, [[4.0, -4.0, 4.0 - 2 * np.pi], [0.0, 0.0, -np.pi]], atol=1e-15)

@@ -135,6 +135,8 @@ def begin_search(problem: Problem) -> tuple[Validity, float]:
 def choose_step(problem: Problem, distance: float) -> float:
     """Choose the step of a search: an eighth of the distance, but no small share of the machine's size [m]."""
     length = problem.characteristic_length or problem.robot.mechanism.length
+    if distance < 1e-9 * length:  # two solutions of the same coordinates: the way between them leads far away
+        return length / 8.0
     return max(distance / 8.0, length / 32.0)
 
 

@@ -68,8 +68,9 @@ class MixedSearch:
 
         Raises:
             InfeasibleError: The start or the goal is not valid, or they lie on different branches.
-            NoPathError: No way exists at the finest step. Evidence: "reasons" counts what blocked it, "cause" says
-                whether solids part the ends or singularities and ranges, "step" is the finest step.
+            NoPathError: No way exists at the finest step. Evidence: "reasons" counts what blocked it, "step" is the
+                finest step, "cause" says what parts the ends: "collision", "singularity" (and ranges), "solution" (the
+                goal's coordinates were reached, but in another solution of the closures), or "unknown".
             BudgetExceededError: The number of checks ran out.
         """
         validity, distance = begin_search(problem)
@@ -89,7 +90,13 @@ class MixedSearch:
         solids = [r for r, _ in grid.reasons.most_common() if r.startswith("collision")]
         others = [r for r in grid.reasons if not r.startswith("collision")]
         parted = "the ends lie in different regions at this step, though their determinants have equal signs: "
-        if not solids:
+        if grid.met_another:
+            cause, text = (
+                "solution",
+                "the goal's coordinates were reached in another solution of the closures, and the grid knows one for "
+                "each position: a way may exist, try RRTConnect, or a search without change of the working mode",
+            )
+        elif not solids:
             cause, text = "singularity", parted + "no solid stands between them"
         elif not others:
             cause, text = "collision", "only solids bound the region of the start"
@@ -132,6 +139,7 @@ class _Grid(Ground):
         else:
             self.moves = np.vstack([np.eye(m, dtype=int), -np.eye(m, dtype=int)])
         self.delta = step / problem.metric
+        self.met_another = False  # the goal's coordinates, but another solution of the closures
 
     def run(self) -> Seed:
         """Search, straighten and check."""
@@ -166,14 +174,15 @@ class _Grid(Ground):
         for i, j in pairwise(corners):
             part = way.spots[i : j + 1]
             _, last = self.edge(part[0], part[-1].value)
-            if last is not None:
+            if last is not None and self.is_same(last, part[-1]):
                 part = [part[0], last]
             elif j - i > 3:
                 try:
                     again = search.between(way.nodes[i], part[-1].value).run().spots
                 except NoPathError:
                     again = part
-                part = min(part, again, key=self.length_of)
+                if self.is_same(again[-1], part[-1]):
+                    part = min(part, again, key=self.length_of)
             result += part[1:]
         return result
 
@@ -230,7 +239,9 @@ class _Search:
             here = self._spot(head)
             if self._distances(here.value[None, :])[0] <= near:
                 _, last = grid.edge(here, grid.toward(here.value, self.goal) if self.whole else self.goal)
-                if last is not None and (not self.whole or grid.is_goal(last)):
+                if last is not None and self.whole and not grid.is_goal(last):
+                    grid.met_another = True
+                elif last is not None:
                     return *_trace(head, parent), last, list(queue)
             around = self._neighbours(head)
             nearest = next((node for node in around if (head, node) not in self.closed), head)
