@@ -13,7 +13,9 @@ the same limits, the same grid.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -43,12 +45,15 @@ def measure(rounds: int = 7) -> dict[str, Any]:
         retimer = po.TimeOptimal()
         trajectory = retimer.retime(problem, path)
         grid = trajectory.law(trajectory.law.breaks)
-        contenders = {
+        drives = len(problem.robot.mechanism.active)
+
+        def call_stored(problem: po.Problem, path: po.Path, drives: int, grid: Array) -> Any:
+            return _call_toppra(problem, _Stored(path, drives, grid), grid)
+
+        contenders: dict[str, Callable[[], Any]] = {
             OURS: partial(retimer.retime, problem, path),
-            DIRECT: partial(_call_toppra, problem, _Evaluated(path, len(problem.robot.mechanism.active)), grid),
-            STORED: lambda p=problem, g=grid, q=path: _call_toppra(  # type: ignore[misc]
-                p, _Stored(q, len(p.robot.mechanism.active), g), g
-            ),
+            DIRECT: partial(_call_toppra, problem, _Evaluated(path, drives), grid),
+            STORED: partial(call_stored, problem, path, drives, grid),
         }
         tasks[task] = {
             "rates": race(contenders, OURS, rounds=rounds, slice_seconds=0.2),
@@ -138,10 +143,10 @@ def _call_toppra(problem: po.Problem, path: toppra.interpolator.AbstractGeometri
 def _compare_drake(seed: int) -> tuple[float, float | None] | None:
     """Time one random spline in three sliding axes with both; None without Drake."""
     try:
-        from pydrake.multibody.optimization import Toppra
-        from pydrake.multibody.plant import MultibodyPlant
-        from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
-        from pydrake.trajectories import PiecewisePolynomial
+        optimization, plants, tree, trajectories = (
+            import_module(f"pydrake.{name}")
+            for name in ("multibody.optimization", "multibody.plant", "multibody.tree", "trajectories")
+        )
     except ImportError:
         return None
     rng = np.random.default_rng(seed)
@@ -159,20 +164,20 @@ def _compare_drake(seed: int) -> tuple[float, float | None] | None:
     problem = po.Problem(po.Scene(robot), start, goal, limits=limits)
     ours = po.TimeOptimal(n_grid=400).retime(problem, path)
 
-    plant = MultibodyPlant(0.0)
+    plant = plants.MultibodyPlant(0.0)
     frame = plant.world_frame()
     for name, axis in zip(names, np.eye(3), strict=True):
-        body = plant.AddRigidBody(name, SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1))
-        plant.AddJoint(PrismaticJoint(name, frame, body.body_frame(), axis))
+        body = plant.AddRigidBody(name, tree.SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1))
+        plant.AddJoint(tree.PrismaticJoint(name, frame, body.body_frame(), axis))
         frame = body.body_frame()
     plant.Finalize()
     cubic = CubicSpline(places, waypoints)
-    theirs = PiecewisePolynomial.CubicWithContinuousSecondDerivatives(places, waypoints.T, False)
+    theirs = trajectories.PiecewisePolynomial.CubicWithContinuousSecondDerivatives(places, waypoints.T, False)
     middle = np.linspace(0.0, 1.0, 33)
     if not np.allclose(theirs.vector_values(middle).T, cubic(middle), rtol=0.0, atol=1e-12):
         raise po.BackendError("Drake's spline is another one")
     grid = ours.law(ours.law.breaks)
-    retimer = Toppra(theirs, plant, np.concatenate([[0.0], grid[1:-1], [1.0]]))
+    retimer = optimization.Toppra(theirs, plant, np.concatenate([[0.0], grid[1:-1], [1.0]]))
     retimer.AddJointVelocityLimit(-velocity, velocity)
     retimer.AddJointAccelerationLimit(-acceleration, acceleration)
     law = retimer.SolvePathParameterization()

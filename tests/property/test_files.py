@@ -230,7 +230,7 @@ def robots(draw: st.DrawFn) -> po.Robot:
         },
         limits=po.Limits(
             draw(kinds(names, ranges)), draw(kinds(names, positive)), draw(kinds(names, positive)),
-            draw(kinds(names, positive)),
+            draw(kinds(names, positive)), *[draw(st.none() | positive) for _ in range(4)],
         ),
         masses=draw(kinds(st.sampled_from(links), st.floats(0, 1e9))),
         contacts=draw(kinds(st.permutations(links).map(lambda p: (p[0], p[1])), texts, max_size=3)),

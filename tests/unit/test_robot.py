@@ -54,6 +54,18 @@ def test_limits_of_unknown_variables_are_refused(quantity: str) -> None:
         build(limits=limits)
 
 
+@pytest.mark.parametrize(
+    "quantity", ["linear_velocity", "angular_velocity", "linear_acceleration", "angular_acceleration"]
+)
+def test_limits_of_the_platform_are_one_number_each(quantity: str) -> None:
+    limits = po.Limits(**{quantity: np.float32(0.5)})
+    assert getattr(limits, quantity) == 0.5
+    assert sorted(limits.platform()) == [0.5, np.inf, np.inf, np.inf]
+    for value in (0.0, -1.0, np.inf, np.nan, "fast"):
+        with pytest.raises(po.DefinitionError, match=f"{quantity} limit of the platform is {value!r}"):
+            po.Limits(**{quantity: value})
+
+
 def test_limits_are_read_by_name() -> None:
     limits = po.Limits(velocity={"rho1": 2}, jerk={"rho2": np.float32(3)})
     assert_array_equal(limits.of("velocity", ["rho2", "rho1"]), [np.inf, 2.0])

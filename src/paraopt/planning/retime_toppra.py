@@ -123,6 +123,6 @@ class TimeOptimal:
         factor = use.stretch * (1.0 + self.reserve) if can_slow else 1.0
         slowed = max(factor, 1.0)
         method = "time-optimal (toppra)"
-        if slowed > 1.0 + 2.0 * self.reserve:
+        if slowed > 1.002:
             method += f", run {100 * (slowed - 1.0):.2g} % slower to hold the limits between grid points"
         return Trajectory(path, law.stretched(factor), method, slowed, n)

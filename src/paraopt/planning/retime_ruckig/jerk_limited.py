@@ -124,7 +124,7 @@ class JerkLimited:
         gap = law.duration * factor / fastest.duration
         method = f"jerk-limited (ruckig), {gap:.3f} times the time without jerk limits"
         slowed = max(factor, 1.0)
-        if slowed > 1.0 + 2.0 * self.reserve:
+        if slowed > 1.002:
             method += f", run {100 * (slowed - 1.0):.2g} % slower to hold the limits between grid points"
         return Trajectory(path, law.stretched(factor), method, slowed, n, fastest.duration)
 
