@@ -174,6 +174,7 @@ def build_nlp(
     near: BSpline | None = None,
     near_X: Array | None = None,
     speeds: tuple[Array, Array] | None = None,
+    choose_pairs: bool = True,
 ) -> Nlp:
     """Build the refinement problem of a seed.
 
@@ -188,6 +189,7 @@ def build_nlp(
         near: A spline to begin with, instead of the seed.
         near_X: Configurations along it at the samples, shape (n, n_variables).
         speeds: Parameters and squared path speeds there [1/s^2] to begin with, where time counts.
+        choose_pairs: Whether pairs that are near are held apart, or only the extra ones.
 
     Returns:
         The nonlinear program with its first guess.
@@ -211,7 +213,7 @@ def build_nlp(
         y = space.project(near)
         X = near_X if near_X is not None else _configurations(problem, seed, space.spline(y), samples[1:-1])
     horizon = options.choose_horizon(problem)
-    pairs = _choose_pairs(problem, X, horizon, 0.1 * unit) if problem.scene.pairs else np.arange(0)
+    pairs = _choose_pairs(problem, X, horizon, 0.1 * unit) if problem.scene.pairs and choose_pairs else np.arange(0)
     if extra_pairs is not None:
         pairs = np.union1d(pairs, extra_pairs)
     evaluator = SampleEvaluator(problem, X, pairs.astype(int), options.constraints)

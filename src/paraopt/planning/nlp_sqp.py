@@ -63,7 +63,7 @@ def solve_by_sqp(
 
     def solve(shift: Array | float = 0.0) -> _Step:
         return _solve_program(
-            H, grad, J, low - g - shift, high - g - shift, (box[0] - x, box[1] - x), radius, penalty, out
+            H, grad, J, low - g - shift, high - g - shift, (box[0] - x, box[1] - x), radius, penalty, out, lam
         )  # fmt: skip
 
     def gain(point: tuple[float, Array, Array, Array]) -> float:
@@ -121,7 +121,11 @@ def solve_by_sqp(
 
 def _convex(H: Array) -> Array:
     """Lift the negative eigenvalues of a symmetric matrix to small positive ones."""
-    values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+    try:
+        np.linalg.cholesky(H - 1e-6 * np.max(np.abs(np.diag(H)), initial=1.0) * np.eye(len(H)))
+        return H
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(0.5 * (H + H.T))
     floor = 1e-6 * max(1.0, float(values[-1]))
     return np.asarray((vectors * np.maximum(values, floor)) @ vectors.T)
 
@@ -136,12 +140,13 @@ def _solve_program(
     radius: float,
     penalty: float,
     out: float,
+    guess: Array,
 ) -> _Step:
     """Solve the quadratic program of a step, first with the rows that it is likely to meet, then those it met."""
     reach = radius * np.asarray(abs(J).sum(axis=1)).ravel()
     rows = (low > -0.3 * reach) | (high < 0.3 * reach)
     while True:
-        step = _solve_part(H, grad, J, low, high, box, radius, penalty, out, np.flatnonzero(rows))
+        step = _solve_part(H, grad, J, low, high, box, radius, penalty, out, guess, np.flatnonzero(rows))
         moved = J @ step.d
         left = np.maximum(low - moved, moved - high)
         missed = ~rows & (left > max(step.relaxed, 1e-9))
@@ -160,6 +165,7 @@ def _solve_part(
     radius: float,
     penalty: float,
     out: float,
+    guess: Array,
     rows: NDArray[np.intp],
 ) -> _Step:
     """Solve the quadratic program of some rows, in units in which steps and rows are about 1."""
@@ -181,7 +187,9 @@ def _solve_part(
         # a violated row may stay violated by the same share as all others
         P[n, n] = 1e-6
         A[:count, n] = np.where(lo[:count] > 0.0, 1.0, np.where(hi[:count] < 0.0, -1.0, 0.0)) * out * scale
-    z, y = _solve_quadratic(P, q, A, lo, hi)
+    likely = np.concatenate([guess[rows] / np.maximum(scale, 1e-300) * cost, np.zeros(size)])
+    exact = _polish(P, q, A, lo, hi, likely, 4) if np.any(likely) else None
+    z, y = exact if exact is not None else _solve_quadratic(P, q, A, lo, hi)
     lam = np.zeros(J.shape[0])
     lam[rows] = y[:count] * scale / cost
     moved = part @ z[:n]

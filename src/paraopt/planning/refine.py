@@ -195,12 +195,13 @@ class _State:
     near_X: Array | None = None
     multipliers: Array = field(default_factory=lambda: np.zeros(0))
     speeds: tuple[Array, Array] | None = None
+    choose_pairs: bool = True
 
     def build(self, problem: Problem, seed: Seed, options: NlpOptions) -> Nlp:
         return build_nlp(
             problem, seed, options, self.slack, self.extra,
             knots=self.knots, samples=self.samples, near=self.near, near_X=self.near_X,
-            speeds=self.speeds,
+            speeds=self.speeds, choose_pairs=self.choose_pairs,
         )  # fmt: skip
 
     def densify(self, nlp: Nlp, path: Path, violation: Violation) -> _State:
@@ -228,6 +229,7 @@ class _State:
             new,
             path.spline,
             path.solve(new[1:-1]),
+            choose_pairs=False,  # those of the path so far; the next check finds what else comes near
         )
 
 

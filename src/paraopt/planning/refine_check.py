@@ -70,7 +70,7 @@ class Violation:
                 for k in (right - 2, right - 1, right, right + 1):  # inner samples count from the second on
                     if 0 <= k - 1 < len(added):
                         near = np.interp(new[k], old[1:-1], before)
-                        added[k - 1] = max(added[k - 1], near + 1.5 * short[i] + tiny)
+                        added[k - 1] = max(added[k - 1], near + 2.0 * short[i] + tiny)
             tightened[name] = added
         return Slack(**tightened)
 
