@@ -105,7 +105,7 @@ class JerkLimited:
         for attempt in range(self.refinements + 1):
             bounds = self._bounds(problem, path, chart)
             y = chart.fastest(bounds, chart.uniform(bounds) if y is None else y, self.iterations, self.enough)
-            law, n = chart.run(y), len(chart.u) - 1
+            law, n = chart.run(y), len(chart.joints) - 1
             use, times, held = self._measure(problem, path, law)
             violated = use.stretch_at > 1.0 + 0.5 * self.tolerated
             if use.stretch <= 1.0 + self.tolerated or attempt == self.refinements:

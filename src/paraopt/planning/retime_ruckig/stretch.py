@@ -66,9 +66,12 @@ class Chart:
         self.law, self.u = law, u
         self.h = np.diff(u)
         self.sides, self.is_first = self._choose_sides()
-        # bounds on speed and acceleration: at the nodes, and between them near the ends
+        # bounds on speed and acceleration: at the nodes and half way between them, and more densely near the ends
         inner = ~np.isin(np.arange(len(self.sides)), self._outer)
-        self.places = np.union1d(u, self.sides[inner])
+        self.places = np.unique(np.concatenate([u, 0.5 * (u[1:] + u[:-1]), self.sides[inner]]))
+        # near rest the rate changes too much for one piece of the resulting law to an interval
+        ends = [np.linspace(*pair, 9) for pair in ((u[0], u[1]), (u[1], u[2]), (u[-3], u[-2]), (u[-2], u[-1]))]
+        self.joints = np.unique(np.concatenate([u, *ends]))
         self.knots = np.concatenate([[u[0], u[0]], u, [u[-1], u[-1]]])
         self.size = len(u) + 1
         self._at_nodes = _design(self.knots, 2, 0, u)
@@ -92,9 +95,10 @@ class Chart:
         u = np.concatenate([*[np.linspace(low, high, k, endpoint=False) for low, high, k in ends], [T]])
         return cls(law, _grade(u))
 
-    def refined(self, intervals: NDArray[np.intp]) -> Chart:
-        """Give the chart with some intervals halved."""
+    def refined(self, pieces: NDArray[np.intp]) -> Chart:
+        """Give the chart with those intervals halved to which some pieces of the law of `run` belong."""
         middles = 0.5 * (self.u[1:] + self.u[:-1])
+        intervals = np.unique(np.searchsorted(self.u, 0.5 * (self.joints[1:] + self.joints[:-1])[pieces]) - 1)
         intervals = intervals[self.h[intervals] > 4e-4 * self.law.duration]
         return Chart(self.law, _grade(np.union1d(self.u, middles[intervals])))
 
@@ -110,10 +114,11 @@ class Chart:
         There the speed is near zero, and nothing but the jerk keeps the rate from rising and falling in one interval.
         """
         n = len(self.h)
-        ends = np.minimum(np.arange(n), np.arange(n)[::-1]) < 8
+        from_end = np.minimum(np.arange(n), np.arange(n)[::-1])
+        counts_wanted = np.where(from_end < 2, 25, np.where(from_end < 8, 7, 2))
         parts, firsts = [], []
-        for u, h, near in zip(self.u[:-1], self.h, ends, strict=True):
-            shares = np.linspace(1e-6, 1.0 - 1e-6, 7 if near else 2)
+        for u, h, wanted in zip(self.u[:-1], self.h, counts_wanted, strict=True):
+            shares = np.linspace(1e-6, 1.0 - 1e-6, wanted)
             parts.append(u + h * shares)
             firsts.append(shares < 0.5)
         counts = np.array([len(part) for part in parts])
@@ -177,15 +182,16 @@ class Chart:
         """Give the law s(t) for a rate: quintic pieces that meet with the speed and acceleration of the rate."""
         spline = BSpline(self.knots, y, 2)
         places, weights = np.polynomial.legendre.leggauss(6)
-        inside = self.u[:-1, None] + 0.5 * self.h[:, None] * (places + 1.0)
-        dt = 0.5 * self.h * (spline(inside) ** -0.5 @ weights)
-        value, slope = spline(self.u), spline.derivative()(self.u)
-        d1, d2 = (self.law(self.u, order) for order in (1, 2))
+        u, h = self.joints, np.diff(self.joints)
+        inside = u[:-1, None] + 0.5 * h[:, None] * (places + 1.0)
+        dt = 0.5 * h * (spline(inside) ** -0.5 @ weights)
+        value, slope = spline(u), spline.derivative()(u)
+        d1, d2 = (self.law(u, order) for order in (1, 2))
         speed, acceleration = d1 * np.sqrt(value), d2 * value + 0.5 * d1 * slope
         # at rest, whatever round-off says
         speed[[0, -1]] = acceleration[[0, -1]] = 0.0
         t = np.concatenate([[0.0], np.cumsum(dt)])
-        states = np.column_stack([self.law(self.u), speed, acceleration])
+        states = np.column_stack([self.law(u), speed, acceleration])
         states[0, 0], states[-1, 0] = 0.0, 1.0
         joined = PPoly.from_bernstein_basis(BPoly.from_derivatives(t, states))
         return TimeLaw(joined.x, joined.c)
