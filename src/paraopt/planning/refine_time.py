@@ -29,7 +29,7 @@ class MinimumTime(SplineRefiner):
         retimer: What times the paths.
     """
 
-    time: Objective = field(default_factory=lambda: Objective(length=0.0, time=1.0, evenness=0.1))
+    time: Objective = field(default_factory=lambda: Objective(length=0.2, time=1.0, evenness=0.3))
     time_iterations: int = 120
     retimer: Retimer = field(default_factory=TimeOptimal)
 

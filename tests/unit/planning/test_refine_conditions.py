@@ -264,6 +264,16 @@ def test_minimum_time_is_never_slower_and_mostly_faster(name: str) -> None:
     assert certificate.passed
 
 
+def test_minimum_time_keeps_the_bounds_of_the_planning_example() -> None:
+    problem = planning_example("T1")
+    seed = by_hand(problem, BY_HAND)
+    first = po.TimeOptimal().retime(problem, refined("T1").path).duration
+    fast = po.MinimumTime(constraints=[OFF_SINGULAR]).refine(problem, seed)
+    assert fast.duration < 0.98 * first
+    assert fast.length > refined("T1").length
+    assert np.min(_determinants(fast.path.spline(np.linspace(0.0, 1.0, 20001)))) >= 0.2 - 1e-4
+
+
 def test_the_time_model_agrees_with_the_retimer() -> None:
     """The same path timed by the rows of the program, driven to their bounds, and by toppra."""
     problem, path = problem_of("cylinder"), plan_of("cylinder").path
