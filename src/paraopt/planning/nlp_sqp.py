@@ -9,6 +9,7 @@ import osqp
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from paraopt.errors import BackendError
 from paraopt.planning.nlp_ipopt import Answer
 from paraopt.planning.objective import Evaluation
 
@@ -205,22 +206,25 @@ def _solve_quadratic(P: Array, q: Array, A: Array, lo: Array, hi: Array) -> tupl
 
     Source: osqp.
     """
-    solver = osqp.OSQP(algebra="builtin")
-    solver.setup(
-        sp.triu(sp.csc_matrix(P), format="csc"), q, sp.csc_matrix(A), lo, hi,
-        verbose=False, polishing=False, eps_abs=1e-3, eps_rel=1e-3, max_iter=4000, check_termination=10, rho=1.0,
-    )  # fmt: skip
     z, y = np.zeros(len(q)), np.zeros(len(lo))
-    for accuracy in (1e-3, 1e-4, 1e-5, 1e-6):
-        if accuracy < 1e-3:
-            solver.update_settings(eps_abs=accuracy, eps_rel=accuracy)
-        answer = solver.solve(raise_error=False)
-        if answer.x is None or not np.all(np.isfinite(answer.x)):
-            break
-        z, y = answer.x, answer.y
-        exact = _polish(P, q, A, lo, hi, y)
-        if exact is not None:
-            return exact
+    try:
+        solver = osqp.OSQP(algebra="builtin")
+        solver.setup(
+            sp.triu(sp.csc_matrix(P), format="csc"), q, sp.csc_matrix(A), lo, hi,
+            verbose=False, polishing=False, eps_abs=1e-3, eps_rel=1e-3, max_iter=4000, check_termination=10, rho=1.0,
+        )  # fmt: skip
+        for accuracy in (1e-3, 1e-4, 1e-5, 1e-6):
+            if accuracy < 1e-3:
+                solver.update_settings(eps_abs=accuracy, eps_rel=accuracy)
+            answer = solver.solve(raise_error=False)
+            if answer.x is None or not np.all(np.isfinite(answer.x)):
+                break
+            z, y = answer.x, answer.y
+            exact = _polish(P, q, A, lo, hi, y)
+            if exact is not None:
+                return exact
+    except (osqp.OSQPException, ValueError) as error:
+        raise BackendError(f"OSQP failed on the quadratic program of a step: {error}") from error
     return z, y
 
 
@@ -246,6 +250,8 @@ def _polish(
             return None
         z, multipliers = solution[:n], np.zeros(len(lo))
         multipliers[active] = solution[n:]
+        if not np.all(np.isfinite(solution)) or np.max(np.abs(P @ z + q + A.T @ multipliers)) > 1e-6:
+            return None  # the active rows depend on each other
         rows = A @ z
         above, below = rows - hi > 1e-8, lo - rows > 1e-8
         wrong = side * multipliers < -1e-9
