@@ -1,7 +1,7 @@
 """How short, how fast and how alike do the refiners of a path come out, on one core?
 
 T1 and T2 of the planning example in their metric, with the determinant of the legs' lines kept above 0.2 and clearance
-above 0 on a dense check; the three RAF tasks; the five-bar. Both solvers refine the same seeds. Then the second start
+above 0 on a dense check; the three RAF tasks; five-bar, Delta, Stewart. Both solvers refine the same seeds. Then the second start
 on the same problem, and minimum-time refinement against refining and retiming one after the other. Seconds are those
 of the processor, the least of several runs after a warm-up.
 """
@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.tables import table
 
 import paraopt as po
-from problems import raf, three_rpr
+from problems import delta, raf, stewart, three_rpr
 
 LENGTHS = {"T1": 116.8, "T2": 117.2}  # best known 116.45 and 116.73 with 160 nodes, not proved to be the shortest
 SECONDS = {"T1": 0.1, "T2": 0.1, "RAF free": 0.3, "RAF cylinder": 0.3, "RAF box": 0.3}
@@ -61,6 +61,10 @@ def list_problems() -> dict[str, tuple[po.Problem, dict[str, Any]]]:
         found[f"RAF {task}"] = raf.build_problem(raf.Parameters(task=task)), {}  # type: ignore[arg-type]
     five_bar = po.Problem(po.Scene(po.robots.five_bar()), {"x": 6.0, "y": 7.0}, {"x": 5.0, "y": 8.0})
     found["five-bar"] = five_bar, {}
+    options = delta.Parameters()
+    pick, place = (dict(zip("xyz", pose, strict=True)) for pose in (options.pick, options.place))
+    found["Delta"] = po.Problem(delta.build_scene(options), pick, place, margins=options.margins), {}
+    found["Stewart"] = stewart.build_problem(stewart.Parameters()), {}
     return found
 
 
