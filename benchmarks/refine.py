@@ -1,9 +1,9 @@
 """How short, how fast and how alike do the refiners of a path come out, on one core?
 
 T1 and T2 of the planning example in their metric, with the determinant of the legs' lines kept above 0.2 and clearance
-above 0 on a dense check; the three RAF tasks; five-bar, Delta, Stewart. Both solvers refine the same seeds. Then the second start
-on the same problem, and minimum-time refinement against refining and retiming one after the other. Seconds are those
-of the processor, the least of several runs after a warm-up.
+above 0 on a dense check; the three RAF tasks; five-bar, Delta, Stewart. Both solvers refine the same seeds. Then the
+second start on the same problem, and minimum-time refinement against refining and retiming one after the other. Seconds
+are those of the processor, the least of several runs after a warm-up.
 """
 
 from __future__ import annotations
