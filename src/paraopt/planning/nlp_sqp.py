@@ -72,10 +72,15 @@ def solve_by_sqp(
 
     f, grad, g, nonzeros = evaluation(x)
     penalty, status, small = 1.0, "bound on the iterations reached", 0
+    history: list[float] = []
     for iteration in range(1, iterations + 1):  # noqa: B007 - the count is reported
         J = sp.csr_matrix((nonzeros, (rows, columns)), shape=(evaluation.n_g, evaluation.n_x))
         H = _convex(evaluation.hessian(x, 1.0, lam))
         out = violation(g)
+        history.append(out)
+        if penalty > 1e4 and len(history) > 12 and min(history[-12:]) > 0.97 * min(history[:-12]) > 1e-5:
+            status = "stuck at an infeasible point"  # it costs much, but for twelve iterations it has not come nearer
+            break
         step = solve()
         while out > 1e-9 and step.relaxed > 0.5 * out and penalty < 1e5:
             penalty *= 10.0  # feasibility is not yet worth enough

@@ -264,6 +264,7 @@ def test_minimum_time_is_never_slower_and_mostly_faster(name: str) -> None:
     assert certificate.passed
 
 
+@pytest.mark.slow
 def test_minimum_time_keeps_the_bounds_of_the_planning_example() -> None:
     problem = planning_example("T1")
     seed = by_hand(problem, BY_HAND)
