@@ -55,7 +55,7 @@ def list_problems() -> dict[str, tuple[po.Problem, dict[str, Any]]]:
     """State the problems, each with its bounds."""
     found: dict[str, tuple[po.Problem, dict[str, Any]]] = {}
     for task in ("T1", "T2"):
-        problem = three_rpr.build_problem(three_rpr.Parameters(task, margins=po.Margins(0.0, 0.0)))  # type: ignore[arg-type]
+        problem = three_rpr.build_problem(three_rpr.Parameters(task, margins=po.Margins(0.0, 0.0)))
         found[task] = problem, {"constraints": (po.PathBound("determinant", determinant, lower=DETERMINANT),)}
     for task in ("free", "cylinder", "box"):
         found[f"RAF {task}"] = raf.build_problem(raf.Parameters(task=task)), {}  # type: ignore[arg-type]
@@ -76,7 +76,7 @@ def measure() -> dict[str, Any]:
         seed = po.MixedSearch(step=5.0 if name in LENGTHS else None).seed(problem)
         entry: dict[str, Any] = {"seed": seed.length}
         for backend in ("sqp", "ipopt"):
-            refiner = po.SplineRefiner(backend=backend, **options)  # type: ignore[arg-type]
+            refiner = po.SplineRefiner(backend=backend, **options)
             refined, seconds = _least(lambda: refiner.refine(problem, seed))  # noqa: B023 - called at once
             _, again = _least(lambda: refiner.refine(problem, seed, warm=refined))  # noqa: B023
             clearance, least = _look(problem, refined.path, name in LENGTHS)
