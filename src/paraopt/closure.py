@@ -140,7 +140,7 @@ def build_closure(mechanism: Mechanism, gauges: Sequence[Gauge] = ()) -> Closure
             equations.append(expression)
             rows += new
     for gauge in gauges:
-        equations.append(_read_gauge(gauge, value, X_W) - value[gauge.name])
+        equations.append(read_expression(gauge.expression, value, X_W, f"gauge {gauge.name!r}") - value[gauge.name])
         rows.append(Row(f"gauge {gauge.name}", "m" if gauge.kind == "length" else "1"))
     F = ca.vertcat(*equations) if equations else ca.SX(0, 1)
     return ClosureGraph(mechanism, X, F, tuple(rows), X_W)
@@ -158,16 +158,34 @@ def _add_gauges(mechanism: Mechanism, gauges: Sequence[Gauge]) -> Mechanism:
     return replace(mechanism, links=(*mechanism.links, *links), characteristic_length=mechanism.length)
 
 
-def _read_gauge(gauge: Gauge, value: Mapping[str, ca.SX], X_W: Mapping[str, ca.SX]) -> ca.SX:
+Expression = Callable[[Mapping[str, ca.SX], Mapping[str, ca.SX]], ca.SX]
+
+
+def read_expression(expression: Expression, value: Mapping[str, ca.SX], X_W: Mapping[str, ca.SX], what: str) -> ca.SX:
+    """Build a scalar that a person states as a function of variables and link poses.
+
+    Args:
+        expression: Function of the values of all variables and of the poses (4 x 4) of all links, each by name.
+        value: Symbols of the variables.
+        X_W: Poses of the links in the world.
+        what: How an error calls the expression.
+
+    Returns:
+        The scalar.
+
+    Raises:
+        UnknownNameError: It asks for a variable or a link that does not exist.
+        DefinitionError: It cannot be built, or is no scalar.
+    """
     try:
-        expression = ca.SX(gauge.expression(value, X_W))
+        built = ca.SX(expression(value, X_W))
     except KeyError as error:
-        raise unknown_name(f"variable or link in gauge {gauge.name!r}", str(error.args[0]), [*value, *X_W]) from error
+        raise unknown_name(f"variable or link in {what}", str(error.args[0]), [*value, *X_W]) from error
     except (TypeError, ValueError, RuntimeError, NotImplementedError, IndexError) as error:
-        raise DefinitionError(f"expression of gauge {gauge.name!r} cannot be built: {error}") from error
-    if expression.shape != (1, 1):
-        raise DefinitionError(f"expression of gauge {gauge.name!r} has shape {expression.shape}; it must be a scalar")
-    return expression
+        raise DefinitionError(f"expression of {what} cannot be built: {error}") from error
+    if built.shape != (1, 1):
+        raise DefinitionError(f"expression of {what} has shape {built.shape}; it must be a scalar")
+    return built
 
 
 Equations = list[tuple[ca.SX, list[Row]]]

@@ -356,14 +356,15 @@ def ask_coal(first: Shape, second: Shape) -> Any:
     return value, np.array(result.normal), np.array(result.getNearestPoint1()), np.array(result.getNearestPoint2())
 
 
-@pytest.mark.parametrize("kind", [k for k in ALL if k != "sphere"])
-@pytest.mark.parametrize("gap", [0.3, -0.05])
+@pytest.mark.parametrize(
+    ("kind", "gap"),
+    # the shortest way out of the tip of a cone is not along its axis
+    [(k, gap) for k in ALL for gap in (0.3, -0.05) if k != "sphere" and (k, gap) != ("cone", -0.05)],
+)
 def test_coal_says_what_the_room_says(kind: str, gap: float) -> None:
     """Signed distance, normal from the first to the second, witness points in the world in the order of the bodies."""
     solid = ALL[kind](pose=at(rotation=(0, np.pi / 2, 0)))
     ball = po.Sphere(radius=0.2, pose=at(float(support(solid, np.array([[1.0, 0, 0]]))[0]) + 0.2 + gap))
-    if kind == "cone" and gap < 0:
-        pytest.skip("the shortest way out of a tip is not along its axis")
     for first, second, sign in ((solid, ball, 1.0), (ball, solid, -1.0)):
         value, normal, p, q = ask_coal(first, second)
         assert value == pytest.approx(gap, abs=1e-5)

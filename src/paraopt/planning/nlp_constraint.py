@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.closure import ClosureGraph
-from paraopt.errors import DefinitionError, unknown_name
+from paraopt.closure import ClosureGraph, read_expression
+from paraopt.errors import DefinitionError
 from paraopt.kinematics.codegen import CompiledFunction
 
 Array = NDArray[np.float64]
@@ -56,16 +56,7 @@ class PathBound:
             DefinitionError: It cannot be built, or is no scalar.
         """
         value = {name: graph.X[i] for i, name in enumerate(graph.mechanism.names)}
-        try:
-            expression = ca.SX(self.expression(value, graph.X_W))
-        except KeyError as error:
-            wanted = str(error.args[0])
-            raise unknown_name(f"variable or link in {self.name!r}", wanted, [*value, *graph.X_W]) from error
-        except (TypeError, ValueError, RuntimeError, NotImplementedError, IndexError) as error:
-            raise DefinitionError(f"expression of {self.name!r} cannot be built: {error}") from error
-        if expression.shape != (1, 1):
-            raise DefinitionError(f"expression of {self.name!r} has shape {expression.shape}; it must be a scalar")
-        return expression / self.scale
+        return read_expression(self.expression, value, graph.X_W, repr(self.name)) / self.scale
 
 
 @lru_cache(maxsize=64)
