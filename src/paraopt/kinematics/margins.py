@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from paraopt.kinematics.configuration import Configuration
 from paraopt.kinematics.model import Kinematics
 from paraopt.kinematics.ranks import independent_rows
+from paraopt.kinematics.solve import ClosureSolution, SolveOptions
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ class Determinants:
     Attributes:
         kinematics: The mechanism's functions.
         rows: Chosen equations.
-        columns: Columns that are not idle.
+        columns: Columns that are neither idle nor locked.
         parallel_columns: Chosen columns of [N K].
         serial_columns: Chosen columns of [M N].
     """
@@ -39,12 +40,30 @@ class Determinants:
     serial_columns: NDArray[np.intp]
 
     @classmethod
-    def at(cls, kinematics: Kinematics, configuration: Configuration) -> Determinants:
-        """Choose rows and columns at a regular configuration."""
+    def at(
+        cls,
+        kinematics: Kinematics,
+        configuration: Configuration,
+        operational: Sequence[str] | None = None,
+        held: Sequence[str] = (),
+    ) -> Determinants:
+        """Choose rows and columns at a regular configuration.
+
+        Args:
+            kinematics: The mechanism's functions.
+            configuration: A regular configuration.
+            operational: Variables that state the task; those of the mechanism when None.
+            held: Variables that are locked: their columns are in no matrix.
+        """
         (E,) = kinematics.functions.scaled_jacobian(configuration.X)
-        a, o = len(kinematics.mechanism.active), len(kinematics.mechanism.operational)
-        used = np.flatnonzero(np.max(np.abs(E), axis=0, initial=0.0) > 1e-12)
-        return cls(kinematics, independent_rows(E), used, used[used >= a], used[used < E.shape[1] - o])
+        mechanism = kinematics.mechanism
+        locked = mechanism.indices(held)
+        active = mechanism.indices(mechanism.active)
+        task = mechanism.indices(mechanism.operational if operational is None else operational)
+        used = np.setdiff1d(np.flatnonzero(np.max(np.abs(E), axis=0, initial=0.0) > 1e-12), locked)
+        free = E.copy()
+        free[:, locked] = 0.0
+        return cls(kinematics, independent_rows(free), used, np.setdiff1d(used, active), np.setdiff1d(used, task))
 
     @property
     def has_parallel(self) -> bool:
@@ -122,14 +141,26 @@ class MotionSpace:
     Args:
         kinematics: The mechanism's functions.
         independent: Coordinates that parametrise the motions; the operational ones when None.
+        operational: Coordinates that state the task, whose loss is a serial singularity; those of the mechanism when
+            None.
+        held: Variables that are locked, such as the joints and the standing feet of a legged machine. A locked actuator
+            does not move anything.
     """
 
-    def __init__(self, kinematics: Kinematics, independent: Sequence[str] | None = None) -> None:
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        independent: Sequence[str] | None = None,
+        operational: Sequence[str] | None = None,
+        held: Sequence[str] = (),
+    ) -> None:
         self.kinematics = kinematics
         mechanism = kinematics.mechanism
         self.independent = tuple(independent) if independent is not None else tuple(mechanism.operational)
+        self.held = tuple(held)
+        self.index = np.asarray(mechanism.indices(self.independent), dtype=np.intp)
         self._active = mechanism.indices(mechanism.active)
-        self._operational = mechanism.indices(mechanism.operational)
+        self._operational = mechanism.indices(mechanism.operational if operational is None else operational)
 
     @cached_property
     def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -138,7 +169,21 @@ class MotionSpace:
 
     def tangent(self, X: ArrayLike) -> Array:
         """Give `T = dX / d independent` [unscaled], shape (n, n_variables, m)."""
-        return self.kinematics.tangent(X, self.independent)
+        return self.kinematics.tangent(X, self.independent, self.held)
+
+    def curvature(self, X: ArrayLike, V: ArrayLike, W: ArrayLike) -> Array:
+        """Give the second-order motion for pairs of velocities; see `Kinematics.curvature`."""
+        return self.kinematics.curvature(X, V, W, self.independent, self.held)
+
+    def solve(self, values: ArrayLike, starts: ArrayLike, options: SolveOptions | None = None) -> ClosureSolution:
+        """Solve the closures at n places, locked variables as in the starts.
+
+        Args:
+            values: Independent coordinates [m or rad], shape (n, m).
+            starts: A configuration near each, shape (n, n_variables).
+            options: Tolerances; those of the kinematics when None.
+        """
+        return self.kinematics.solve_batch(self.independent, values, starts, options, self.held)
 
     def margins(self, X: ArrayLike, T: Array | None = None) -> Margins:
         """Compute the margins at n closed configurations.
@@ -169,7 +214,7 @@ class MotionSpace:
         n, _, m = T.shape
         scale = self.kinematics.graph.variable_scale[:, None]
         k, j = self._pairs
-        H = self.kinematics.curvature(X, T[:, :, k], T[:, :, j], self.independent) / scale
+        H = self.curvature(X, T[:, :, k], T[:, :, j]) / scale
         S = T / scale
         dS = np.empty((n, S.shape[1], m, m))  # [sample, variable, column j, along coordinate k]
         dS[:, :, k, j] = H

@@ -260,7 +260,12 @@ class Kinematics:
         return find_assembly_modes(self, {n: self._read_value(n, v) for n, v in q.items()}, start, options)
 
     def solve_batch(
-        self, names: Sequence[str], values: ArrayLike, starts: ArrayLike, options: SolveOptions | None = None
+        self,
+        names: Sequence[str],
+        values: ArrayLike,
+        starts: ArrayLike,
+        options: SolveOptions | None = None,
+        held: Sequence[str] = (),
     ) -> ClosureSolution:
         """Impose the same variables at n points, each from its own start, without a Python loop over points.
 
@@ -269,6 +274,7 @@ class Kinematics:
             values: Imposed values [m or rad], shape (n, n_imposed).
             starts: Starts [m or rad], shape (n, n_variables).
             options: Tolerances; those of this object when None.
+            held: Variables that keep the values of the starts.
 
         Returns:
             Final values with residual and verdict per sample.
@@ -276,7 +282,7 @@ class Kinematics:
         index = self.mechanism.indices(names)
         X = np.array(starts, dtype=float, ndmin=2)
         X[:, index] = np.asarray(values, dtype=float).reshape(len(X), len(index))
-        return solve_closure(self.functions, X, self._free(names), options or self.options)
+        return solve_closure(self.functions, X, self._free([*names, *held]), options or self.options)
 
     def inverse_batch(self, x: ArrayLike, starts: ArrayLike, options: SolveOptions | None = None) -> BatchSolution:
         """Solve the inverse model for n poses at once, in compiled code where there is any.
@@ -353,12 +359,13 @@ class Kinematics:
 
     # -- derivatives -----------------------------------------------------------------------------------------------
 
-    def tangent(self, X: ArrayLike, independent: Sequence[str]) -> Array:
+    def tangent(self, X: ArrayLike, independent: Sequence[str], held: Sequence[str] = ()) -> Array:
         """Give the motions of all variables for a unit motion of each independent one (implicit-function theorem).
 
         Args:
             X: Closed configurations, shape (n, n_variables).
             independent: Names of the independent coordinates.
+            held: Names of the variables that are locked.
 
         Returns:
             `T = dX / d independent`, shape (n, n_variables, n_independent); idle variables stay still.
@@ -366,10 +373,12 @@ class Kinematics:
         X = np.atleast_2d(np.asarray(X, dtype=float))
         D = np.zeros((X.shape[1], len(independent)))
         D[self.mechanism.indices(independent), np.arange(len(independent))] = 1.0
-        (T,) = self.functions.tangent(D.shape[1]).batch(X, self._free(independent), D, _DAMPING)
+        (T,) = self.functions.tangent(D.shape[1]).batch(X, self._free([*independent, *held]), D, _DAMPING)
         return T.reshape(len(X), *D.shape)
 
-    def curvature(self, X: ArrayLike, V: ArrayLike, W: ArrayLike, independent: Sequence[str]) -> Array:
+    def curvature(
+        self, X: ArrayLike, V: ArrayLike, W: ArrayLike, independent: Sequence[str], held: Sequence[str] = ()
+    ) -> Array:
         """Give the second-order motion that keeps the loops closed for pairs of velocities, independent ones at rest.
 
         Args:
@@ -377,12 +386,13 @@ class Kinematics:
             V: First velocities, shape (n, n_variables, k).
             W: Second velocities, same shape.
             independent: Names of the independent coordinates.
+            held: Names of the variables that are locked.
 
         Returns:
             `h` with `E h + F''[V, W] = 0`, shape (n, n_variables, k).
         """
         X, V = np.atleast_2d(np.asarray(X, dtype=float)), np.asarray(V, dtype=float)
-        (h,) = self.functions.curvature(V.shape[2]).batch(X, self._free(independent), V, W, _DAMPING)
+        (h,) = self.functions.curvature(V.shape[2]).batch(X, self._free([*independent, *held]), V, W, _DAMPING)
         return h.reshape(V.shape)
 
     def pose_velocity(self, X: ArrayLike, V: ArrayLike) -> Array:
