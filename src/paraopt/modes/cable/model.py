@@ -74,6 +74,9 @@ class CableRobot:
         frame: Solids of the frame, in the world.
         ignore: Lengths of a cable at its exit and at its attachment that do not count as touching [m].
         tool: Point of the platform whose way is drawn, in its frame [m]; its origin when None.
+        characteristic_length: Length by which moments are divided to be compared with forces, and what an angle of one
+            radian counts [m]; when None the root mean square distance of the attachments from the platform's origin,
+            or a tenth of the frame's size where they all lie there.
         source: Where the numbers come from, and what is ours.
 
     Raises:
@@ -108,6 +111,7 @@ class CableRobot:
     frame: Given = ()
     ignore: Given = (0.0, 0.0)
     tool: Given = None
+    characteristic_length: float | None = None
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -201,6 +205,9 @@ class CableRobot:
         self._set(load=finite_vector(np.zeros(size) if self.load is None else self.load, size, "load"))
         for key in ("solids", "frame"):
             self._set(**{key: check_solids(getattr(self, key), f"{key} of {self.name!r}")})
+        if self.characteristic_length is not None:
+            value = read_number(self.characteristic_length, f"characteristic length of {self.name!r}", "m", above=0.0)
+            self._set(characteristic_length=value)
         if self.tool is not None:
             self._set(tool=tuple(self._in_space(self.tool, f"tool of {self.name!r}").tolist()))
 
@@ -265,12 +272,10 @@ class CableRobot:
         return float(self.mass * np.linalg.norm(self.gravity))
 
     @cached_property
-    def characteristic_length(self) -> float:
-        """Give the length by which moments are divided to be compared with forces [m].
-
-        It is the root mean square distance of the attachments from the platform's origin, or a tenth of the frame's
-        size where they all lie on the origin.
-        """
+    def length_scale(self) -> float:
+        """Give the length in force by which moments are divided to be compared with forces [m]."""
+        if self.characteristic_length is not None:
+            return self.characteristic_length
         span = float(np.sqrt(np.mean(np.sum(np.square(self.attachments), axis=1))))
         return span if span > 0.0 else 0.1 * float(np.max(np.ptp(self.exits, axis=0)))
 
@@ -326,7 +331,10 @@ class CableRobot:
             links.append(Series(f"cable {name}", f"pulley {name}", joint=line))
             closures.append(Coincidence(f"cable {name}", (0.0,) * len(exit_), PLATFORM, point))
         links.append(self.platform)
-        return Mechanism(self.name, links, closures, self.cables, self.operational, planar=self.planar)
+        return Mechanism(
+            self.name, links, closures, self.cables, self.operational, planar=self.planar,
+            characteristic_length=self.length_scale,
+        )  # fmt: skip
 
     @cached_property
     def robot(self) -> Robot:
