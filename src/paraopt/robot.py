@@ -144,6 +144,7 @@ class Robot:
         shapes: Solids carried by each link, by name of link.
         limits: Bounds of the drives.
         masses: Mass of each link [kg], by name of link.
+        centres: Centre of mass of a link in its own frame [m], by name of link; its origin where nothing is said.
         contacts: Pairs of links that may touch, with the reason, beyond those joined by a joint or a closure.
         tool: Name of a link and a point on it [m], whose way in space is drawn; the origin of the link that carries the
             operational variables when None.
@@ -161,6 +162,7 @@ class Robot:
     tool: tuple[str, Sequence[float]] | None = None
     source: str = ""
     facts: Mapping[str, int] = field(default_factory=dict)
+    centres: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.mechanism, Mechanism):
@@ -169,7 +171,7 @@ class Robot:
             raise DefinitionError(f"limits of {self.name!r} are {self.limits!r}; they must be Limits")
         if not isinstance(self.source, str):
             raise DefinitionError(f"source of {self.name!r} is {self.source!r}; it must be a string")
-        for mapping in ("home", "shapes", "masses", "contacts", "facts"):
+        for mapping in ("home", "shapes", "masses", "contacts", "facts", "centres"):
             read = _as_mapping(getattr(self, mapping), f"{mapping} of {self.name!r}")
             object.__setattr__(self, mapping, MappingProxyType(read))
         known = [link.name for link in self.mechanism.links]
@@ -191,6 +193,11 @@ class Robot:
                 raise unknown_name("link that has a mass", link, known)
             if not (_is_finite(mass) and mass >= 0):
                 raise DefinitionError(f"mass of link {link!r} is {mass!r} kg; it must be finite and not negative")
+        centres: dict[str, tuple[float, float, float]] = {}
+        for link, point in self.centres.items():
+            if link not in known:
+                raise unknown_name("link that has a centre of mass", link, known)
+            centres[link] = as_point(point, f"centre of mass of link {link!r}")
         for pair, reason in self.contacts.items():
             if not (isinstance(pair, tuple) and len(pair) == 2 and isinstance(reason, str)):
                 raise DefinitionError(
@@ -220,6 +227,7 @@ class Robot:
             raise DefinitionError(f"home of {self.mechanism.name!r} lacks the operational variables {missing}")
         self.limits.check_fit(self.mechanism)
         object.__setattr__(self, "shapes", MappingProxyType(named))
+        object.__setattr__(self, "centres", MappingProxyType(centres))
 
     @property
     def name(self) -> str:

@@ -331,6 +331,7 @@ ROBOT = Record(
         "tool": Tool(),
         "limits": LIMITS,
         "masses": ByName(Number("mass")),
+        "centres": ByName(POINT),
         "facts": ByName(Whole()),
         "contacts": Contacts(),
         "shapes": ByName(Items(SHAPES, "an array of tables")),

@@ -57,7 +57,7 @@ def assert_same_robot(one: po.Robot, other: po.Robot) -> None:
     """Compare field by field, numbers to the last bit."""
     assert one.mechanism == other.mechanism
     assert repr(one.mechanism) == repr(other.mechanism)  # signs of zero, too
-    for field in ("home", "masses", "contacts", "facts"):
+    for field in ("home", "masses", "centres", "contacts", "facts"):
         assert dict(getattr(one, field)) == dict(getattr(other, field)), field
     for quantity in ("position", "velocity", "acceleration", "jerk"):
         assert dict(getattr(one.limits, quantity)) == dict(getattr(other.limits, quantity))
@@ -67,7 +67,7 @@ def assert_same_robot(one: po.Robot, other: po.Robot) -> None:
     for link, shapes in one.shapes.items():
         for ours, theirs in zip(shapes, other.shapes[link], strict=True):
             assert_same_shape(ours, theirs)
-    compared = {"mechanism", "home", "masses", "contacts", "facts", "limits", "tool", "source", "shapes"}
+    compared = {"mechanism", "home", "masses", "centres", "contacts", "facts", "limits", "tool", "source", "shapes"}
     assert {f.name for f in dataclasses.fields(po.Robot)} == compared
 
 
@@ -116,6 +116,7 @@ def test_everything_that_a_robot_may_state_comes_back(tmp_path: Path) -> None:
         },
         limits=po.Limits(position={"theta1": (-math.inf, 0.1), "x": (0.0, math.inf)}, velocity={"theta2": 1 / 3}),
         masses={"tip": 0.0, "distal 1": 1e-300},
+        centres={"tip": (0.1, -0.0, 1 / 3), "distal 1": (4, 0)},
         contacts={("tip", "base"): odd},
         tool=("tip", (0.1, 0.2, 0.3)),
         source=odd,
