@@ -1,5 +1,5 @@
 """Machines with rules of their own: cables that only pull, feet that stand and lift."""
 
-from paraopt.modes import cable
+from paraopt.modes import cable, legged
 
-__all__ = ["cable"]
+__all__ = ["cable", "legged"]
