@@ -17,7 +17,7 @@ from paraopt.kinematics import Configuration, Kinematics
 from paraopt.mechanism import Mechanism
 from paraopt.mechanism.joints import Range
 from paraopt.mechanism.links import as_point
-from paraopt.shapes import Shape, check_solids
+from paraopt.shapes import Cable, Shape, check_cables, check_solids
 
 PLATFORM_LIMITS = ("linear_velocity", "angular_velocity", "linear_acceleration", "angular_acceleration")
 
@@ -151,6 +151,7 @@ class Robot:
         source: Where the description comes from, and what is ours.
         facts: What is known of the mechanism, as whole numbers by name: "variables", "equations", "rank E", "rank M",
             "rank N", "rank K", "mobility", "idle", "working modes", "assembly modes"; those that are known.
+        cables: Cables stretched between points of its links; their ends follow the links. Each has a name of its own.
     """
 
     mechanism: Mechanism
@@ -163,6 +164,7 @@ class Robot:
     source: str = ""
     facts: Mapping[str, int] = field(default_factory=dict)
     centres: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    cables: Sequence[Cable] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.mechanism, Mechanism):
@@ -188,6 +190,7 @@ class Robot:
         doubled = {n for n in names if names.count(n) > 1}
         if doubled:
             raise DefinitionError(f"shape names {sorted(doubled)} appear twice on {self.mechanism.name!r}")
+        self._check_cables(known, names)
         for link, mass in self.masses.items():
             if link not in known:
                 raise unknown_name("link that has a mass", link, known)
@@ -228,6 +231,22 @@ class Robot:
         self.limits.check_fit(self.mechanism)
         object.__setattr__(self, "shapes", MappingProxyType(named))
         object.__setattr__(self, "centres", MappingProxyType(centres))
+
+    def _check_cables(self, links: Sequence[str], solids: Sequence[str]) -> None:
+        """Refuse cables whose ends are on no link, and names that another body has."""
+        cables = check_cables(self.cables, f"cables of {self.name!r}")
+        taken = set(solids)
+        for cable in cables:
+            for link in cable.links:
+                if link not in links:
+                    raise unknown_name(f"link at an end of {cable.label}:", link, links)
+            if cable.name in taken:
+                raise DefinitionError(
+                    f"name {cable.name!r} of a cable is that of another solid or cable of {self.name!r}; "
+                    "give every cable a name of its own"
+                )
+            taken.add(cable.name)
+        object.__setattr__(self, "cables", cables)
 
     @property
     def name(self) -> str:

@@ -24,9 +24,9 @@ What holds for every distance of this room, whatever measures it:
   at their ends that are to be ignored; shorter ones shrink to a ball between the ends.
 """
 
-from paraopt.scene.cable import Cable
 from paraopt.scene.pairs import Body, Pair, SkippedPair
 from paraopt.scene.rules import PairRule
 from paraopt.scene.scene import Clearance, Distances, Scene
+from paraopt.shapes import Cable
 
 __all__ = ["Body", "Cable", "Clearance", "Distances", "Pair", "PairRule", "Scene", "SkippedPair"]

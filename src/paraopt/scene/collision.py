@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from paraopt.errors import BackendError, DefinitionError
 from paraopt.scene.bounds import enclose, segment_distance
-from paraopt.scene.cable import Cable, shorten_segments
+from paraopt.scene.cable import shorten_segments
 from paraopt.scene.exact import measure_point_and_cylinder, part_cores, pose_segments
 from paraopt.scene.geometry import Cell, list_cells
 from paraopt.scene.pairs import WORLD, Body, Pair
 from paraopt.scene.segments import measure_segments, stack_hulls
-from paraopt.shapes import Capsule, Cylinder, HalfSpace, Sphere
+from paraopt.shapes import Cable, Capsule, Cylinder, HalfSpace, Sphere
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -10,9 +10,9 @@ import coal
 import numpy as np
 
 from paraopt.errors import DefinitionError
-from paraopt.scene.cable import Cable
 from paraopt.shapes import (
     Box,
+    Cable,
     Capsule,
     Cone,
     ConvexPolyhedron,

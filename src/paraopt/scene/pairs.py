@@ -10,9 +10,8 @@ from itertools import combinations, product
 from paraopt.errors import unknown_name
 from paraopt.mechanism import Fixed, Series, Weld
 from paraopt.robot import Robot
-from paraopt.scene.cable import Cable
 from paraopt.scene.rules import PairRule, find_rule
-from paraopt.shapes import Shape
+from paraopt.shapes import Cable, Shape
 
 WORLD = -1
 
@@ -245,7 +244,8 @@ def _list_ties(robot: Robot) -> dict[str, list[_Tie]]:
             ties[link.father].append(_Tie(link.name, "a joint", None if slides else (x, y, z)))
             ties[link.name].append(_Tie(link.father, "a joint", None if slides else origin))
     for closure in robot.mechanism.closures:
-        if not closure.points:  # directions alone do not bring two links together
+        # directions alone do not bring two links together, nor do cables or relations between joints
+        if not isinstance(closure, LinkClosure) or not closure.points:
             continue
         anchor_A, anchor_B = closure.anchors
         ties[closure.link_A].append(_Tie(closure.link_B, "a closure", anchor_A))

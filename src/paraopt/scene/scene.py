@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from paraopt.errors import DefinitionError, unknown_name
 from paraopt.kinematics import Configuration, MotionSpace
 from paraopt.robot import Robot
-from paraopt.scene.cable import Cable, move_witnesses
+from paraopt.scene.cable import move_witnesses
 from paraopt.scene.collision import CollisionModel
 from paraopt.scene.pairs import WORLD, Body, Pair, SkippedPair, choose_pairs, list_bodies
 from paraopt.scene.reach import walk_configurations
 from paraopt.scene.rules import PairRule, read_rules
-from paraopt.shapes import Shape, check_solids
+from paraopt.shapes import Cable, Shape, check_cables, check_solids
 
 Array = NDArray[np.float64]
 Kind = Literal["all", "external", "internal"]
@@ -74,7 +74,7 @@ class Scene:
     Attributes:
         robot: The machine.
         obstacles: Solids fixed in the world.
-        cables: Cables between links.
+        cables: Cables between links beyond those that the robot carries.
         rules: What was decided about pairs by hand or by sampling, beyond what follows from the robot.
     """
 
@@ -87,8 +87,8 @@ class Scene:
         if not isinstance(self.robot, Robot):
             raise DefinitionError(f"the scene's robot is {self.robot!r}; it must be a Robot")
         object.__setattr__(self, "obstacles", check_solids(self.obstacles, "obstacles of the scene"))
-        object.__setattr__(self, "cables", _check_all(self.cables, Cable, "cables"))
-        object.__setattr__(self, "rules", _check_all(self.rules, PairRule, "rules"))
+        object.__setattr__(self, "cables", check_cables(self.cables, "cables of the scene"))
+        object.__setattr__(self, "rules", _check_rules(self.rules))
         names = [b.name for b in self.bodies]
         doubled = sorted({n for n in names if names.count(n) > 1})
         if doubled:
@@ -96,8 +96,13 @@ class Scene:
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        """List all bodies: solids of the links, obstacles, cables."""
-        return list_bodies(self.robot, self.obstacles, self.cables)
+        """List all bodies: solids of the links, obstacles, cables of the robot, cables of the scene."""
+        return list_bodies(self.robot, self.obstacles, self.all_cables)
+
+    @property
+    def all_cables(self) -> tuple[Cable, ...]:
+        """List the cables of the robot, then those that were given to the scene."""
+        return (*self.robot.cables, *self.cables)
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
@@ -301,8 +306,9 @@ class Scene:
             moving = np.flatnonzero(frames != WORLD)
             s, witness = samples[moving], points[moving, side]
             dp = _move_points(poses, velocities, s, frames[moving], witness)
-            if self.cables and (on_cable := np.flatnonzero(body[moving] >= len(self.bodies) - len(self.cables))).size:
-                s, cable = s[on_cable], body[moving][on_cable] - (len(self.bodies) - len(self.cables))
+            on_cable = np.flatnonzero(body[moving] >= self._n_solids)
+            if on_cable.size:
+                s, cable = s[on_cable], body[moving][on_cable] - self._n_solids
                 A, B = (end[s, cable] for end in self._collision.anchors(poses))
                 dA = _move_points(poses, velocities, s, self._cable_frames[cable, 0], A)
                 dB = _move_points(poses, velocities, s, self._cable_frames[cable, 1], B)
@@ -319,13 +325,16 @@ class Scene:
         return np.array([b.frame for b in self.bodies], dtype=int)
 
     @cached_property
+    def _n_solids(self) -> int:
+        return len(self.bodies) - len(self.all_cables)
+
+    @cached_property
     def _cable_frames(self) -> NDArray[np.intp]:
-        cables = self.bodies[len(self.bodies) - len(self.cables) :]
-        return np.array([(b.frame, b.frame_B) for b in cables], dtype=int).reshape(-1, 2)
+        return np.array([(b.frame, b.frame_B) for b in self.bodies[self._n_solids :]], dtype=int).reshape(-1, 2)
 
     @cached_property
     def _ignored(self) -> Array:
-        return np.array([c.ignore for c in self.cables]).reshape(-1, 2)
+        return np.array([c.ignore for c in self.all_cables]).reshape(-1, 2)
 
 
 def _move_points(
@@ -338,11 +347,11 @@ def _move_points(
     return np.asarray(np.einsum("kmij,kj->kmi", dX[..., :3], local) + dX[..., 3])
 
 
-def _check_all(given: object, kind: type, what: str) -> tuple[object, ...]:
+def _check_rules(given: object) -> tuple[PairRule, ...]:
     if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
-        raise DefinitionError(f"{what} of the scene are {given!r}; they must be a list of {kind.__name__}")
-    members = tuple(given)
-    for member in members:
-        if not isinstance(member, kind):
-            raise DefinitionError(f"{what} of the scene hold {member!r}; each must be a {kind.__name__}")
-    return members
+        raise DefinitionError(f"rules of the scene are {given!r}; they must be a list of PairRule")
+    rules = tuple(given)
+    for rule in rules:
+        if not isinstance(rule, PairRule):
+            raise DefinitionError(f"rules of the scene hold {rule!r}; each must be a PairRule")
+    return rules

@@ -2,6 +2,7 @@
 
 A shape on a link is placed by `X_LS` (pose of the shape in the link's frame), an obstacle by `X_WS` (in the world).
 Cylinders, capsules and cones run along their own z axis and are centred on their origin; a half-space fills `z <= 0`.
+A cable is no such solid: it is stretched between points of two links.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 
 from paraopt.errors import DefinitionError
 from paraopt.shapes.base import Shape
+from paraopt.shapes.cable import Cable, check_cables
 from paraopt.shapes.decompose import DecomposeOptions, decompose_mesh, load_mesh
 from paraopt.shapes.mesh import Mesh
 from paraopt.shapes.polyhedron import ConvexPolyhedron, Hull
@@ -19,6 +21,7 @@ from paraopt.shapes.primitives import Box, Capsule, Cone, Cylinder, HalfSpace, S
 __all__ = [
     "SOLIDS",
     "Box",
+    "Cable",
     "Capsule",
     "Cone",
     "ConvexPolyhedron",
@@ -29,6 +32,7 @@ __all__ = [
     "Mesh",
     "Shape",
     "Sphere",
+    "check_cables",
     "check_solids",
     "decompose_mesh",
     "load_mesh",
