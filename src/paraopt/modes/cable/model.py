@@ -349,6 +349,8 @@ class CableRobot:
             shapes={link: s for link, s in (("base", self.frame), (PLATFORM, self.solids)) if s},
             limits=self._limits(),
             masses={PLATFORM: self.mass},
+            centres={PLATFORM: self.centre.tolist()},
+            cables=self.bodies(),
             tool=None if self.tool is None else (PLATFORM, self.tool),
             source=self.source,
         )
