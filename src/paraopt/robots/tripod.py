@@ -7,6 +7,7 @@ No dimension is printed in the source: those here are ours. The rotation of the 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from paraopt.mechanism import (
     Base,
@@ -21,22 +22,21 @@ from paraopt.mechanism import (
     Series,
     Weld,
 )
+from paraopt.modes.legged.tripod import LEGS, POSE, TripodGeometry
 from paraopt.robot import Robot
 from paraopt.robots.base import drive_limits
-from paraopt.shapes import Capsule, Cylinder, Shape, Sphere
+from paraopt.shapes import Capsule, Cylinder, Shape
 from paraopt.spatial import transform
 
-POSE = ("x", "y", "z", "alpha", "beta", "gamma")
-LEGS = (1, 2, 3)
+SOLE = 0.014  # height of a foot's frame above what it stands on [m]
+BODY = 0.009  # radius of an actuator's body [m]
+TOOL = 0.1  # length of the tool below the platform [m]
 
 
 def tripod(
-    radius: float = 0.15,
-    half_angle: float = math.radians(20),
-    foot_radius: float = 0.26,
-    height: float = 0.32,
-    stroke: tuple[float, float] = (0.25, 0.46),
+    geometry: TripodGeometry | None = None,
     free_feet: bool = False,
+    ground: Sequence[Shape] | None = None,
     velocity: float = 0.2,
     acceleration: float = 1.0,
     jerk: float = 20.0,
@@ -56,14 +56,14 @@ def tripod(
 
     Level platforms on level ground are regular in this mode. In the source's mode BE, with joints locked, they are not.
 
+    The solids: the actuators of a leg stand side by side on one axle, as thick as both together; their rods stay in
+    the bodies at every length and above the foot at the shortest. The frame of a foot is `SOLE` above the ground.
+
     Args:
-        radius: Radius of the circle of the points of attachment r_p [m].
-        half_angle: Angle theta between P_L or P_R and the leg's direction [rad].
-        foot_radius: Radius of the circle of the feet at home [m].
-        height: Height of the platform above the feet at home [m].
-        stroke: Least and greatest length of an actuator [m].
+        geometry: Dimensions, strokes and ranges of joints; those of `TripodGeometry()` when None.
         free_feet: Whether each foot has a pose of its own, in variables "foot i x" ... "foot i gamma", which are then
             operational, as needed for walking; the feet stand still on the ground else.
+        ground: Solids of what it stands on, in the world; a plate under the feet at home when None.
         velocity: Largest speed of an actuator [m/s].
         acceleration: Largest acceleration of an actuator [m/s^2].
         jerk: Largest jerk of an actuator [m/s^3].
@@ -74,51 +74,46 @@ def tripod(
 
     Source: Tripod.
     """
+    geometry = geometry or TripodGeometry()
     links: list[Link] = [Base(), Mobile("platform", order="zyx")]
     closures: list[Closure] = []
-    home: dict[str, float] = {**dict.fromkeys(POSE, 0.0), "z": height}
+    home: dict[str, float] = dict(zip(POSE, geometry.home_pose.tolist(), strict=True))
     shapes: dict[str, list[Shape]] = {
-        "base": [Cylinder(radius=1.6 * foot_radius, length=0.02, pose=transform((0, 0, -0.024)), name="ground")],
-        "platform": [
-            Cylinder(radius=0.9 * radius, length=0.02, name="platform"),
-            Cylinder.between((0, 0, 0.01), (0, 0, 0.08), radius=0.03, name="spindle"),
-            Cylinder.between((0, 0, -0.01), (0, 0, -0.1), radius=0.006, name="tool"),
-        ],
+        "base": list(ground) if ground is not None else [_plate(1.6 * geometry.foot_radius)],
+        "platform": _platform_solids(geometry),
     }
+    contacts: dict[tuple[str, str], str] = {}
     operational = list(POSE)
-    half_width = radius * math.sin(half_angle)
-    centre = radius * math.cos(half_angle)
-    length = math.hypot(foot_radius - centre, height)
-    body = 0.9 * stroke[0]
-    rod = stroke[1] - 0.95 * body  # at the longest the end of the body still holds it
+    centre = geometry.centre_radius
     for i in LEGS:
-        turn = (i - 1) * 2 * math.pi / 3
-        at = (foot_radius * math.cos(turn), foot_radius * math.sin(turn), 0.0)
+        turn, foot = geometry.azimuth(i), geometry.home_feet[i - 1]
         if free_feet:
             links.append(Mobile(f"foot {i}", prefix=f"foot {i} ", order="zyx"))
-            pose = (*at, 0.0, 0.0, math.remainder(turn, 2 * math.pi))
-            home |= {f"foot {i} {c}": value for c, value in zip(POSE, pose, strict=True)}
+            home |= {f"foot {i} {c}": float(value) for c, value in zip(POSE, foot, strict=True)}
             operational += [f"foot {i} {c}" for c in POSE]
         else:
-            links.append(Series(f"foot {i}", "base", at, Fixed(), rotation=(0, 0, turn)))
-        links += _equivalent_chain(i, stroke)
+            x, y, z = foot[:3].tolist()
+            links.append(Series(f"foot {i}", "base", (x, y, z), Fixed(), rotation=(0, 0, turn)))
+        links += _equivalent_chain(i, geometry)
         # the end of the chain has its origin in P_C, x outwards, y towards P_L and z down on the platform
         closures.append(Weld(f"end {i}", "platform", (-centre, 0, 0), (math.pi, 0, -turn), f"end {i} = platform"))
-        lean = math.atan2(foot_radius - centre, height)
-        home |= {f"q1 {i}": 0.0, f"q2 {i}": lean, f"q3 {i}": 0.0}
-        home |= {f"q4 {i}": length, f"q5 {i}": 0.0, f"q6 {i}": -lean}
+        home |= {f"{q} {i}": value for q, value in geometry.home_joints.items()}
         for side, sign in (("L", 1), ("R", -1)):
             pivot = Revolute(f"pivot {side} {i}", axis="x")
-            slide = Prismatic(f"q{side} {i}", axis="z", range=stroke)
+            slide = Prismatic(f"q{side} {i}", axis="z", range=geometry.stroke)
             links.append(Series(f"actuator {side} {i}", f"cross {i}", joint=pivot))
             links.append(Series(f"rod {side} {i}", f"actuator {side} {i}", joint=slide))
-            closures.append(Coincidence(f"rod {side} {i}", (0, 0, 0), f"end {i}", (0, sign * half_width, 0)))
-            home |= {f"pivot {side} {i}": 0.0, f"q{side} {i}": math.hypot(length, half_width)}
-            shapes[f"actuator {side} {i}"] = [Capsule.between((0, 0, 0), (0, 0, body), radius=0.012)]
-            shapes[f"rod {side} {i}"] = [Capsule.between((0, 0, -rod), (0, 0, 0), radius=0.006)]
-        shapes[f"foot {i}"] = [Sphere(radius=0.014)]
+            closures.append(Coincidence(f"rod {side} {i}", (0, 0, 0), f"end {i}", (0, sign * geometry.half_width, 0)))
+            home |= {f"pivot {side} {i}": 0.0}
+            body, rod = _actuator_solids(geometry, sign)
+            shapes |= {f"actuator {side} {i}": [body], f"rod {side} {i}": [rod]}
+            contacts[f"foot {i}", f"rod {side} {i}"] = "the rod stays in the body above the foot"
+        shapes[f"foot {i}"] = [Cylinder.between((0, 0, -SOLE), (0, 0, 0.3 * SOLE), radius=1.6 * SOLE)]
+        contacts["base", f"foot {i}"] = "the foot stands on the ground"
+        for one, other in (("actuator L", "rod R"), ("rod L", "actuator R"), ("rod L", "rod R")):
+            contacts[f"{one} {i}", f"{other} {i}"] = "they move in parallel planes, side by side on one axle"
     actuators = [f"q{side} {i}" for i in LEGS for side in "LR"]
-    mechanism = Mechanism("tripod", links, closures, actuators, operational)
+    mechanism = Mechanism("tripod", links, closures, actuators, operational, characteristic_length=geometry.radius)
     extra = 18 if free_feet else 0
     return Robot(
         mechanism,
@@ -130,9 +125,9 @@ def tripod(
             **{f"actuator {s} {i}": 0.8 for i in LEGS for s in "LR"},
             **{f"rod {s} {i}": 0.3 for i in LEGS for s in "LR"},
         },
-        contacts={("base", f"foot {i}"): "the foot stands on the ground" for i in LEGS},
-        tool=("platform", (0, 0, -0.1)),
-        source="Tripod (structure, conventions); all dimensions, strokes, drive limits, masses and solids are ours",
+        contacts=contacts,
+        tool=("platform", (0, 0, -TOOL)),
+        source="Tripod (structure, conventions); all dimensions, strokes, ranges, limits, masses and solids are ours",
         # computed; six actuators and the six motions of a Stewart platform are the source's
         facts={
             "variables": 36 + extra, "equations": 54, "mobility": 6 + extra,
@@ -141,7 +136,30 @@ def tripod(
     )  # fmt: skip
 
 
-def _equivalent_chain(i: int, stroke: tuple[float, float]) -> list[Link]:
+def _plate(radius: float) -> Shape:
+    return Cylinder(radius=radius, length=0.02, pose=transform((0, 0, -SOLE - 0.01)), name="ground")
+
+
+def _platform_solids(geometry: TripodGeometry) -> list[Shape]:
+    return [
+        Cylinder(radius=0.8 * geometry.centre_radius, length=0.016, name="platform"),
+        Cylinder.between((0, 0, 0.008), (0, 0, 0.08), radius=0.03, name="spindle"),
+        Cylinder.between((0, 0, -0.008), (0, 0, -TOOL), radius=0.006, name="tool"),
+    ]
+
+
+def _actuator_solids(geometry: TripodGeometry, sign: int) -> tuple[Shape, Shape]:
+    """Give the body and the rod of an actuator, aside of the leg's plane by a radius and some play."""
+    shortest, longest = geometry.stroke
+    aside = sign * 1.1 * BODY
+    above = 1.5 * BODY  # the body's end and the rod's, at the shortest, keep off the ground under a leaning leg
+    top = shortest - 0.5 * BODY
+    body = Capsule.between((aside, 0, above + BODY), (aside, 0, top), radius=BODY)
+    rod = Capsule.between((aside, 0, top - BODY - longest), (aside, 0, 0), radius=0.5 * BODY)
+    return body, rod
+
+
+def _equivalent_chain(i: int, geometry: TripodGeometry) -> list[Link]:
     """Describe the chain q1 ... q6 from foot i to its end in P_C.
 
     With v3 = unit(u x lc), u from P_L to P_R and lc from A to P_C, the frames have the axes (x, y, z): "turn" after q1
@@ -149,11 +167,16 @@ def _equivalent_chain(i: int, stroke: tuple[float, float]) -> list[Link]:
     (v3, u, .); "end" after q6 (v_c, -u, .).
     """
     half_turn = math.pi
+    ranges = geometry.joint_ranges
+
+    def revolute(name: str, axis: str) -> Revolute:
+        return Revolute(f"{name} {i}", axis=axis, range=ranges[name])
+
     return [
-        Series(f"turn {i}", f"foot {i}", joint=Revolute(f"q1 {i}")),
-        Series(f"cross {i}", f"turn {i}", joint=Revolute(f"q2 {i}", axis="y"), rotation=(0, 0, half_turn)),
-        Series(f"aim {i}", f"cross {i}", joint=Revolute(f"q3 {i}", axis="x")),
-        Series(f"reach {i}", f"aim {i}", joint=Prismatic(f"q4 {i}", range=(0.5 * stroke[0], 2 * stroke[1]))),
-        Series(f"swivel {i}", f"reach {i}", joint=Revolute(f"q5 {i}", axis="x"), rotation=(0, 0, half_turn)),
-        Series(f"end {i}", f"swivel {i}", joint=Revolute(f"q6 {i}", axis="y"), rotation=(half_turn, 0, 0)),
+        Series(f"turn {i}", f"foot {i}", joint=revolute("q1", "z")),
+        Series(f"cross {i}", f"turn {i}", joint=revolute("q2", "y"), rotation=(0, 0, half_turn)),
+        Series(f"aim {i}", f"cross {i}", joint=revolute("q3", "x")),
+        Series(f"reach {i}", f"aim {i}", joint=Prismatic(f"q4 {i}", range=ranges["q4"])),
+        Series(f"swivel {i}", f"reach {i}", joint=revolute("q5", "x"), rotation=(0, 0, half_turn)),
+        Series(f"end {i}", f"swivel {i}", joint=revolute("q6", "y"), rotation=(half_turn, 0, 0)),
     ]
