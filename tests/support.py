@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import typing
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -148,7 +149,8 @@ def raf_configurations(count: int = 12, seed: int = 0) -> tuple[po.Configuration
 
 def library_robots() -> list[str]:
     """List the names of the functions of `paraopt.robots` that build a robot."""
-    return [n for n in po.robots.__all__ if inspect.isfunction(getattr(po.robots, n))]
+    built = {n: getattr(po.robots, n) for n in po.robots.__all__}
+    return [n for n, f in built.items() if inspect.isfunction(f) and typing.get_type_hints(f).get("return") is po.Robot]
 
 
 @functools.cache

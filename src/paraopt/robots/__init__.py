@@ -2,7 +2,7 @@
 
 from paraopt.robots.delta import delta
 from paraopt.robots.five_bar import five_bar
-from paraopt.robots.gipo import gipo
+from paraopt.robots.gipo import gipo, gipo_machine
 from paraopt.robots.gosselin import gosselin_wrist
 from paraopt.robots.hayward import hayward_wrist
 from paraopt.robots.hexa import hexa
@@ -27,6 +27,7 @@ __all__ = [
     "delta",
     "five_bar",
     "gipo",
+    "gipo_machine",
     "gosselin_wrist",
     "hayward_wrist",
     "hexa",

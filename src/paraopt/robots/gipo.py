@@ -8,11 +8,13 @@ there and are ours. The rotation of the trunk is x-y-z, as in the source.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
+from paraopt.errors import unknown_name
 from paraopt.mechanism import Base, Coincidence, Link, Mechanism, Mobile, Prismatic, Revolute, Series
 from paraopt.mechanism.joints import Range
+from paraopt.modes.legged import Foot, LeggedMachine
 from paraopt.robot import Robot
 from paraopt.robots.base import drive_limits
 from paraopt.shapes import Box, Capsule, Shape
@@ -38,6 +40,13 @@ HEAD_AND_TAIL = (
 )
 LEGS = ("right rear", "right front", "left rear", "left front")
 FOOT_RADIUS = 5
+# kilograms, guessed: a servo in each joint weighs about 50 g, the trunk carries batteries and controller
+MASSES = {
+    "trunk": 0.6, "hip": 0.05, "abduction": 0.06, "knee": 0.04,
+    "neck 1": 0.05, "neck 2": 0.04, "head": 0.04, "jaw": 0.01, "tail": 0.02,
+}  # fmt: skip
+# batteries and controller balance the head: the whole stands some 5 mm ahead of the middle of its feet
+TRUNK_CENTRE = (5, 0, -20)
 
 
 def gipo(
@@ -46,6 +55,8 @@ def gipo(
     trunk_height: float | None = None,
     swing: float = math.pi / 2,
     lift: float = 0.06,
+    depth: float = 0.0,
+    masses: Mapping[str, float] | None = None,
     velocity: float = 4.0,
     acceleration: float = 40.0,
     jerk: float = 2000.0,
@@ -69,6 +80,11 @@ def gipo(
             or 30 mm lower with `rear_hip=1`.
         swing: Largest angle of a servo to either side [rad].
         lift: Highest place of a foot above the ground [m].
+        depth: Deepest place of a foot below the ground at rest [m], above zero for supports that fall away.
+        masses: Masses of parts [kg] that differ from ours, by name: "trunk", "hip", "abduction" and "knee" of every
+            leg, "neck 1", "neck 2", "head", "jaw", "tail". The source prints none, but that the centre of gravity is
+            slightly towards the front; ours are plausible guesses, 1.36 kg in all, with the centre of each part in the
+            middle of its solid and that of the trunk so that the whole is some 5 mm ahead of the middle of its feet.
         velocity: Largest speed of a servo [rad/s].
         acceleration: Largest acceleration of a servo [rad/s^2].
         jerk: Largest jerk of a servo [rad/s^3].
@@ -88,13 +104,14 @@ def gipo(
     servos: list[str] = []
     carriers: list[str] = []
     shapes: dict[str, Sequence[Shape]] = _trunk(head_and_tail)
+    centres: dict[str, Sequence[float]] = _centres_of_trunk(head_and_tail)
     for leg in LEGS:
         side, end = leg.split()
         mirror = 1 if side == "right" else -1
-        hip, abduction, knee, tip, rest = (
-            _mm((p[0], mirror * p[1], p[2]))
-            for p in (HIP[end], ABDUCTION, KNEE[end], TIP[end], FOOT_AT_REST[end])
-        )  # fmt: skip
+        hip, abduction, knee, rest = (
+            _mm((p[0], mirror * p[1], p[2])) for p in (HIP[end], ABDUCTION, KNEE[end], FOOT_AT_REST[end])
+        )
+        tip = _tip(leg)
         if end == "rear":
             hip = (rear_hip * hip[0], hip[1], hip[2])
         # thighs lean away from the middle, as the points of the tables do
@@ -109,12 +126,17 @@ def gipo(
         father, place = "ground", rest
         inside = _mm((0, 15 * mirror, 0))  # the servo of the hip reaches into the trunk
         for axis in "xyz":
-            reach: Range = (0.0, lift) if axis == "z" else (-1.0, 1.0)
+            reach: Range = (-depth, lift) if axis == "z" else (-1.0, 1.0)
             name = f"{leg} foot {axis}"
             links.append(Series(f"{leg} carrier {axis}", father, place, Prismatic(name, axis=axis, range=reach)))
             father, place = f"{leg} carrier {axis}", (0.0, 0.0, 0.0)
             carriers.append(name)
         closures.append(Coincidence(f"{leg} knee", tip, father, (0, 0, 0)))
+        centres |= {
+            f"{leg} hip": _middle(inside, abduction),
+            f"{leg} abduction": _middle((0, 0, 0), knee),
+            f"{leg} knee": _middle((0, 0, 0), tip),
+        }
         shapes |= {
             f"{leg} hip": [Capsule.between(inside, abduction, radius=0.009)],
             f"{leg} abduction": [Capsule.between((0, 0, 0), knee, radius=0.01)],
@@ -135,7 +157,8 @@ def gipo(
         home={**home, **dict.fromkeys(carriers, 0.0)},
         shapes=shapes,
         limits=drive_limits([*servos, *others], velocity, acceleration, jerk),
-        masses=_masses(head_and_tail),
+        masses=_masses(head_and_tail, masses or {}),
+        centres=centres,
         contacts={("ground", f"{leg} knee"): "the foot stands on the ground" for leg in LEGS},
         source="Lahouar, IV.3 (points, axes and stance); ranges, drive limits, masses and solids are ours",
         # variables and equations are counted in the printed tables, the rest is computed
@@ -144,6 +167,24 @@ def gipo(
             "rank E": 12, "rank M": 12, "rank N": 0, "rank K": 12, "idle": extra,
         },
     )  # fmt: skip
+
+
+def gipo_machine(robot: Robot | None = None) -> LeggedMachine:
+    """See GIPO as a legged machine: its four feet, on the carriers that place them.
+
+    Args:
+        robot: GIPO as built by `gipo`; with its defaults when None.
+
+    Returns:
+        The machine; each foot is a point. Feet at rest stand 155 mm below the origin of the ground.
+
+    Source: Lahouar, IV.3.
+    """
+    feet = [
+        Foot(leg, tuple(f"{leg} foot {axis}" for axis in "xyz"), f"{leg} knee", _tip(leg), carrier=f"{leg} carrier z")
+        for leg in LEGS
+    ]
+    return LeggedMachine(gipo() if robot is None else robot, feet)
 
 
 def _trunk(head_and_tail: bool) -> dict[str, Sequence[Shape]]:
@@ -168,13 +209,40 @@ def _trunk(head_and_tail: bool) -> dict[str, Sequence[Shape]]:
     return shapes
 
 
-def _masses(head_and_tail: bool) -> dict[str, float]:
-    masses = {"trunk": 0.6}
-    for leg in LEGS:
-        masses |= {f"{leg} hip": 0.05, f"{leg} abduction": 0.06, f"{leg} knee": 0.04}
+def _centres_of_trunk(head_and_tail: bool) -> dict[str, Sequence[float]]:
+    """Give the centres of mass of trunk, head and tail, each in its link."""
+    centres: dict[str, Sequence[float]] = {"trunk": _mm(TRUNK_CENTRE)}
     if head_and_tail:
-        masses |= {"neck 1": 0.06, "neck 2": 0.05, "head": 0.08, "jaw": 0.02, "tail": 0.02}
+        centres |= {
+            "neck 1": _mm((0, 0, 38)), "neck 2": _mm((0, 0, 19)),
+            "head": (0.03, 0, 0.005), "jaw": (0.02, 0, 0.017), "tail": (-0.1, 0, 0.04),
+        }  # fmt: skip
+    return centres
+
+
+def _masses(head_and_tail: bool, stated: Mapping[str, float]) -> dict[str, float]:
+    """Give the mass of each link, those of a part of a leg for every leg."""
+    for part in stated:
+        if part not in MASSES:
+            raise unknown_name("part of GIPO that has a mass", part, MASSES)
+    by_part = {**MASSES, **stated}
+    masses = {"trunk": by_part["trunk"]}
+    masses |= {f"{leg} {part}": by_part[part] for leg in LEGS for part in ("hip", "abduction", "knee")}
+    if head_and_tail:
+        masses |= {name: by_part[name] for name, *_ in HEAD_AND_TAIL}
     return masses
+
+
+def _middle(p: Sequence[float], q: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = (0.5 * (a + b) for a, b in zip(p, q, strict=True))
+    return (x, y, z)
+
+
+def _tip(leg: str) -> tuple[float, float, float]:
+    """Give the tip of a foot in the frame of its knee [m]."""
+    side, end = leg.split()
+    x, y, z = TIP[end]
+    return _mm((x, y if side == "right" else -y, z))
 
 
 def _mm(values: Sequence[float]) -> tuple[float, float, float]:
