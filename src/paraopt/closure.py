@@ -16,6 +16,8 @@ from paraopt.mechanism import (
     Base,
     Closure,
     Coincidence,
+    Coupling,
+    Equilibrium,
     Link,
     Mechanism,
     Motion,
@@ -33,7 +35,7 @@ from paraopt.mechanism.closures import unit
 from paraopt.mechanism.joints import UNLIMITED, Kind, Range
 from paraopt.spatial import rotation_about, rotation_xyz
 
-Unit = Literal["m", "1"]
+Unit = Literal["m", "1", "N", "N m"]
 
 
 @dataclass(frozen=True)
@@ -42,11 +44,13 @@ class Row:
 
     Attributes:
         name: Name of the closure and component.
-        unit: "m", or "1" for an equation without dimension.
+        unit: "m", "1" for an equation without dimension, "N" or "N m".
+        force: Unit in which its forces are judged [N], where it has any.
     """
 
     name: str
     unit: Unit
+    force: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +84,15 @@ class ClosureGraph:
 
     @cached_property
     def variable_scale(self) -> NDArray[np.float64]:
-        """Give the unit in which each variable is judged: the characteristic length [m] or 1 rad."""
-        L = self.mechanism.length
-        return np.array([L if v.kind == "length" else 1.0 for v in self.mechanism.variables])
+        """Give the unit in which each variable is judged: the characteristic length [m], 1 rad, or a weight [N]."""
+        return np.array([v.scale for v in self.mechanism.variables])
 
     @cached_property
     def row_scale(self) -> NDArray[np.float64]:
-        """Give the unit in which each equation is judged: the characteristic length [m] or 1."""
-        return np.array([self.mechanism.length if row.unit == "m" else 1.0 for row in self.rows])
+        """Give the unit in which each equation is judged: the characteristic length [m], 1, a weight, or both."""
+        L = self.mechanism.length
+        scales = [{"m": L, "1": 1.0, "N": row.force, "N m": row.force * L}[row.unit] for row in self.rows]
+        return np.array(scales)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +140,9 @@ def build_closure(mechanism: Mechanism, gauges: Sequence[Gauge] = ()) -> Closure
         X_W[link.name] = father @ _constant_placement(link) @ _joint_transform(link.motions, value)
     equations: list[ca.SX] = []
     rows: list[Row] = []
+    symbols = Symbols(mechanism, value, X_W)
     for constraint in mechanism.constraints:
-        for expression, new in build_equations(constraint, X_W, mechanism.planar):
+        for expression, new in build_equations(constraint, symbols):
             equations.append(expression)
             rows += new
     for gauge in gauges:
@@ -191,14 +197,45 @@ def read_expression(expression: Expression, value: Mapping[str, ca.SX], X_W: Map
 Equations = list[tuple[ca.SX, list[Row]]]
 
 
+@dataclass(frozen=True, eq=False)
+class Symbols:
+    """Hold what equations are made of.
+
+    Attributes:
+        mechanism: The mechanism.
+        value: Every variable, by name.
+        X_W: Pose of every link in the world, by name.
+    """
+
+    mechanism: Mechanism
+    value: Mapping[str, ca.SX]
+    X_W: Mapping[str, ca.SX]
+
+    def choose(self, in_plane: str, in_space: str = "xyz") -> str:
+        """Choose the axes of a vector equation: out-of-plane rows are never built."""
+        return in_plane if self.mechanism.planar else in_space
+
+    def point(self, link: str, p_L: Any) -> ca.SX:
+        """Build a point of a link in the world [m]."""
+        X_WL = self.X_W[link]
+        return X_WL[:3, :3] @ ca.DM(p_L) + X_WL[:3, 3]
+
+    def direction(self, link: str, direction: Any) -> ca.SX:
+        """Build a unit vector of a link in the world."""
+        return self.X_W[link][:3, :3] @ ca.sparsify(ca.DM(unit(direction)))
+
+    def gap(self, constraint: Any) -> ca.SX:
+        """Build the way from the second point of a constraint to its first one, in the world [m]."""
+        return self.point(constraint.link_A, constraint.point_A) - self.point(constraint.link_B, constraint.point_B)
+
+
 @singledispatch
-def build_equations(constraint: Closure, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+def build_equations(constraint: Closure, symbols: Symbols) -> Equations:
     """Build the equations of one simple constraint.
 
     Args:
         constraint: The constraint.
-        X_W: Pose of every link in the world.
-        planar: Whether out-of-plane rows are left out.
+        symbols: Variables and poses of links.
 
     Returns:
         Residuals, each with the names and units of its rows.
@@ -212,67 +249,87 @@ def build_equations(constraint: Closure, X_W: Mapping[str, ca.SX], planar: bool)
 
 
 @build_equations.register
-def _(constraint: Coincidence, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
-    gap = _point(X_W[constraint.link_A], constraint.point_A) - _point(X_W[constraint.link_B], constraint.point_B)
-    return [_along_axes(gap, constraint.name, "m", "xy" if planar else "xyz")]
+def _(constraint: Coincidence, symbols: Symbols) -> Equations:
+    return [_along_axes(symbols.gap(constraint), constraint.name, "m", symbols.choose("xy"))]
 
 
 @build_equations.register
-def _(constraint: ParallelAxes, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
-    u_A = _direction(X_W[constraint.link_A], constraint.axis_A)
-    u_B = _direction(X_W[constraint.link_B], constraint.axis_B)
-    return [_along_axes(ca.cross(u_A, u_B), constraint.name, "1", "z" if planar else "xyz")]
+def _(constraint: ParallelAxes, symbols: Symbols) -> Equations:
+    u_A = symbols.direction(constraint.link_A, constraint.axis_A)
+    u_B = symbols.direction(constraint.link_B, constraint.axis_B)
+    return [_along_axes(ca.cross(u_A, u_B), constraint.name, "1", symbols.choose("z"))]
 
 
 @build_equations.register
-def _(constraint: ParallelPlanes, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
-    n_A = _direction(X_W[constraint.link_A], constraint.normal_A)
-    n_B = _direction(X_W[constraint.link_B], constraint.normal_B)
-    return [_along_axes(ca.cross(n_A, n_B), constraint.name, "1", "z" if planar else "xyz")]
+def _(constraint: ParallelPlanes, symbols: Symbols) -> Equations:
+    n_A = symbols.direction(constraint.link_A, constraint.normal_A)
+    n_B = symbols.direction(constraint.link_B, constraint.normal_B)
+    return [_along_axes(ca.cross(n_A, n_B), constraint.name, "1", symbols.choose("z"))]
 
 
 @build_equations.register
-def _(constraint: PerpendicularAxes, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
-    u_A = _direction(X_W[constraint.link_A], constraint.axis_A)
-    u_B = _direction(X_W[constraint.link_B], constraint.axis_B)
+def _(constraint: PerpendicularAxes, symbols: Symbols) -> Equations:
+    u_A = symbols.direction(constraint.link_A, constraint.axis_A)
+    u_B = symbols.direction(constraint.link_B, constraint.axis_B)
     return [(ca.dot(u_A, u_B), [Row(constraint.name, "1")])]
 
 
 @build_equations.register
-def _(constraint: PointOnLine, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
-    gap = _point(X_W[constraint.link_A], constraint.point_A) - _point(X_W[constraint.link_B], constraint.point_B)
-    u_B = _direction(X_W[constraint.link_B], constraint.axis_B)
-    return [_along_axes(ca.cross(gap, u_B), constraint.name, "m", "z" if planar else "xyz")]
+def _(constraint: PointOnLine, symbols: Symbols) -> Equations:
+    u_B = symbols.direction(constraint.link_B, constraint.axis_B)
+    return [_along_axes(ca.cross(symbols.gap(constraint), u_B), constraint.name, "m", symbols.choose("z"))]
 
 
 @build_equations.register
-def _(constraint: PointOnPlane, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
-    gap = _point(X_W[constraint.link_A], constraint.point_A) - _point(X_W[constraint.link_B], constraint.point_B)
-    n_B = _direction(X_W[constraint.link_B], constraint.normal_B)
-    return [(ca.dot(gap, n_B), [Row(constraint.name, "m")])]
+def _(constraint: PointOnPlane, symbols: Symbols) -> Equations:
+    n_B = symbols.direction(constraint.link_B, constraint.normal_B)
+    return [(ca.dot(symbols.gap(constraint), n_B), [Row(constraint.name, "m")])]
 
 
 @build_equations.register
-def _(constraint: Weld, X_W: Mapping[str, ca.SX], planar: bool) -> Equations:
+def _(constraint: Weld, symbols: Symbols) -> Equations:
     X_AB = _constant_transform(constraint.at, constraint.rotation)
-    difference = X_W[constraint.link_A] @ X_AB - X_W[constraint.link_B]
+    difference = symbols.X_W[constraint.link_A] @ X_AB - symbols.X_W[constraint.link_B]
     # in the plane the cosine and the sine of one direction say all; one alone would allow half a turn
-    axes, columns = ("xy", "x") if planar else ("xyz", "xyz")
+    axes, columns = symbols.choose("xy"), symbols.choose("x")
     turned = [_along_axes(difference[:3, "xyz".index(c)], f"{constraint.name} [e{c}]", "1", axes) for c in columns]
     return [_along_axes(difference[:3, 3], constraint.name, "m", axes), *turned]
 
 
-def _along_axes(vector: ca.SX, name: str, unit: Unit, axes: str) -> tuple[ca.SX, list[Row]]:
+@build_equations.register
+def _(constraint: Coupling, symbols: Symbols) -> Equations:
+    variables = {v.name: v for v in symbols.mechanism.variables}
+    kind = constraint.check_kinds({name: v.kind for name, v in variables.items()})
+    factors = {**constraint.coefficients, **constraint.radii}
+    relation = sum(factor * symbols.value[name] for name, factor in factors.items()) - getattr(constraint, kind)
+    units: dict[str, Unit] = {"length": "m", "angle": "1", "force": "N"}
+    return [(relation, [Row(constraint.name, units[kind], max(variables[name].scale for name in factors))])]
+
+
+@build_equations.register
+def _(constraint: Equilibrium, symbols: Symbols) -> Equations:
+    c = symbols.point(constraint.link, constraint.centre)
+    force = ca.SX(ca.DM(constraint.mass * np.array(constraint.gravity) + np.array(constraint.force)))
+    moment = ca.SX(ca.DM(constraint.moment))
+    for tension in constraint.tensions:
+        pull = symbols.gap(tension)  # from the attachment to the exit
+        if constraint.link == tension.link_B:
+            held = symbols.point(tension.link_B, tension.point_B)
+        else:
+            pull, held = -pull, symbols.point(tension.link_A, tension.point_A)
+        on_link = symbols.value[tension.name] * pull / ca.norm_2(pull)
+        force += on_link
+        moment += ca.cross(held - c, on_link)
+    parts: list[tuple[ca.SX, str, Unit, str]] = [
+        (force, "force", "N", symbols.choose("xy")),
+        (moment, "moment", "N m", symbols.choose("z")),
+    ]
+    return [_along_axes(v, f"{constraint.name}, {what}", u, axes, constraint.scale) for v, what, u, axes in parts]
+
+
+def _along_axes(vector: ca.SX, name: str, unit: Unit, axes: str, force: float = 1.0) -> tuple[ca.SX, list[Row]]:
     components = ca.vertcat(*[vector["xyz".index(axis)] for axis in axes])
-    return components, [Row(f"{name} [{axis}]", unit) for axis in axes]
-
-
-def _point(X_WL: ca.SX, p_L: Any) -> ca.SX:
-    return X_WL[:3, :3] @ ca.DM(p_L) + X_WL[:3, 3]
-
-
-def _direction(X_WL: ca.SX, direction: Any) -> ca.SX:
-    return X_WL[:3, :3] @ ca.sparsify(ca.DM(unit(direction)))
+    return components, [Row(f"{name} [{axis}]", unit, force) for axis in axes]
 
 
 def _constant_placement(link: Link) -> ca.SX:

@@ -17,9 +17,9 @@ import numpy as np
 
 from paraopt.errors import DefinitionError, unknown_name
 from paraopt.mechanism.closures import as_direction
-from paraopt.mechanism.joints import Kind
+from paraopt.mechanism.joints import VariableKind
 
-Unit = Literal["length", "angle", "mass", "none"]
+Unit = Literal["length", "angle", "mass", "force", "none"]
 # by how many places the decimal point moves towards metres
 LENGTHS: Mapping[str, int] = {"m": 0, "cm": 2, "mm": 3}
 ANGLES = ("rad", "deg")
@@ -59,7 +59,7 @@ class Place:
     file: str
     path: str = ""
     units: Units = field(default_factory=Units)
-    kinds: Mapping[str, Kind] = field(default_factory=dict)
+    kinds: Mapping[str, VariableKind] = field(default_factory=dict)
 
     def __truediv__(self, key: str | int) -> Place:
         if isinstance(key, int):
@@ -276,8 +276,8 @@ class ByVariable:
     `kinds` holds the kind of each name; those of the mechanism when None.
     """
 
-    codecs: Mapping[Kind, Codec]
-    kinds: Mapping[str, Kind] | None = None
+    codecs: Mapping[VariableKind, Codec]
+    kinds: Mapping[str, VariableKind] | None = None
 
     def read(self, value: Any, place: Place) -> dict[str, Any]:
         kinds = place.kinds if self.kinds is None else self.kinds

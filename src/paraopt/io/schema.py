@@ -42,7 +42,9 @@ from paraopt.mechanism import (
     ClosingSpherical,
     ClosingUniversal,
     Coincidence,
+    Coupling,
     Cylindrical,
+    Equilibrium,
     Fixed,
     LineContact,
     Mechanism,
@@ -57,6 +59,7 @@ from paraopt.mechanism import (
     Revolute,
     Series,
     Spherical,
+    Tension,
     Universal,
     Weld,
 )
@@ -214,8 +217,10 @@ JOINTS = family(
         record(Cylindrical, ranges=number_ranges("angle", "length")),
     ],
 )
-BY_KIND: dict[Any, Codec] = {"length": Number("length"), "angle": Number("angle")}
-RANGE_BY_KIND: dict[Any, Codec] = {"length": number_range("length"), "angle": number_range("angle")}
+BY_KIND: dict[Any, Codec] = {"length": Number("length"), "angle": Number("angle"), "force": Number("force")}
+RANGE_BY_KIND: dict[Any, Codec] = {
+    "length": number_range("length"), "angle": number_range("angle"), "force": number_range("force"),
+}  # fmt: skip
 LINKS = family(
     "link",
     [
@@ -224,6 +229,8 @@ LINKS = family(
         record(Mobile, ranges=ByVariable(RANGE_BY_KIND, {c: kind for c, (kind, _) in FREE_COORDINATES.items()})),
     ],
 )
+_TENSION = record(Tension, range=number_range("force"))
+TENSION = Record(Tension, _TENSION.codecs)  # one type only: it needs no tag
 CLOSURES = family(
     "closure",
     [
@@ -241,6 +248,20 @@ CLOSURES = family(
         record(ClosingPrismatic),
         record(PlanarContact),
         record(LineContact),
+        record(
+            Coupling, coefficients=ByName(Number()), radii=ByName(LENGTH), angle=Number("angle"), force=Number("force")
+        ),
+        record(
+            Equilibrium,
+            link=Text(),
+            tensions=Items(TENSION, "an array of tables"),
+            mass=Number("mass"),
+            centre=POINT,
+            force=Vector("force", (3,)),
+            moment=Vector("length", (3,)),
+            gravity=Vector("length", (3,)),
+            reference_force=Number("force"),
+        ),
     ],
 )
 SHAPES = family(

@@ -18,7 +18,7 @@ class FreeMotion:
     """Hold a velocity of the whole mechanism that the closures allow, of length one in scaled units.
 
     Attributes:
-        velocities: Velocity of every variable by name [m/s or rad/s].
+        velocities: Velocity of every variable by name [m/s, rad/s or N/s].
         twist: Linear velocity of the platform's origin [m/s] and its angular velocity [rad/s] in the world, shape (6,).
         moving: Names of the variables that move by more than a thousandth of the largest, largest first.
     """
@@ -34,10 +34,10 @@ def describe_motion(kinematics: Kinematics, X: Array, motion: Array) -> FreeMoti
     Args:
         kinematics: The mechanism's functions.
         X: Where the mechanism is [m or rad], shape (n_variables,).
-        motion: Velocities in characteristic lengths and radians, shape (n_variables,).
+        motion: Velocities in characteristic lengths, radians and weights, shape (n_variables,).
 
     Returns:
-        The motion in metres and radians.
+        The motion in metres, radians and newtons.
     """
     mechanism = kinematics.mechanism
     largest = float(np.max(np.abs(motion), initial=0.0))

@@ -465,9 +465,8 @@ class Kinematics:
             rng = np.random.default_rng(0)
             low = np.array([max(v.range[0], -np.pi if v.kind == "angle" else 0.0) for v in self.mechanism.variables])
             high = np.array(
-                [min(v.range[1], np.pi if v.kind == "angle" else 2 * self.mechanism.length)
-                 for v in self.mechanism.variables]
-            )  # fmt: skip
+                [min(v.range[1], np.pi if v.kind == "angle" else 2 * v.scale) for v in self.mechanism.variables]
+            )
             return np.vstack([np.zeros(n), rng.uniform(low, np.maximum(low, high), size=(63, n))])
         if isinstance(start, Configuration) and start.mechanism is not self.mechanism and self.gauges:
             start = start.as_dict()  # of the mechanism without its gauges

@@ -12,7 +12,7 @@ from scipy.stats import qmc
 from paraopt.errors import DefinitionError
 from paraopt.kinematics.model import Kinematics
 from paraopt.kinematics.postures import PostureReader, turn_towards
-from paraopt.mechanism import Mechanism, Series
+from paraopt.mechanism import LinkClosure, Mechanism, Series
 
 Array = NDArray[np.float64]
 
@@ -281,7 +281,8 @@ def bound_starts(mechanism: Mechanism, X: Array, columns: NDArray[np.intp]) -> t
     low, high = [], []
     for k in columns:
         variable = mechanism.variables[k]
-        widest = np.pi if variable.kind == "angle" else span
+        # a platform hangs by pulls of a few times its weight
+        widest = {"angle": np.pi, "length": span, "force": 2.0 * variable.scale}[variable.kind]
         a, b = variable.range
         low.append(a if np.isfinite(a) else (min(-widest, b - 2 * widest) if np.isfinite(b) else -widest))
         high.append(b if np.isfinite(b) else (max(widest, a + 2 * widest) if np.isfinite(a) else widest))
@@ -313,6 +314,8 @@ def _reach(mechanism: Mechanism, X: Array, columns: NDArray[np.intp]) -> float:
         return total
 
     sums = [
-        chain(c.link_A) + chain(c.link_B) + sum(float(np.linalg.norm(p)) for p in c.points) for c in mechanism.closures
+        chain(c.link_A) + chain(c.link_B) + sum(float(np.linalg.norm(p)) for p in c.points)
+        for c in mechanism.closures
+        if isinstance(c, LinkClosure)
     ]
     return max([*sums, mechanism.length])

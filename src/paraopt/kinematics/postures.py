@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.kinematics.model import Kinematics
-from paraopt.mechanism import Mobile, Series
+from paraopt.mechanism import LinkClosure, Mobile, Series
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class PostureReader:
         points = {(i, (0.0, 0.0, 0.0)) for i in place.values()}
         for constraint in mechanism.constraints:
             for field in fields(constraint):  # type: ignore[arg-type]
-                if field.name.startswith("point_"):
+                if isinstance(constraint, LinkClosure) and field.name.startswith("point_"):
                     link = getattr(constraint, f"link_{field.name[-1]}")
                     points.add((place[link], tuple(getattr(constraint, field.name))))
         ordered = sorted(points)

@@ -1,5 +1,6 @@
 """What a machine is: links, joints, closures and roles, as frozen data without mathematics."""
 
+from paraopt.mechanism.balance import Coupling, Equilibrium, Tension
 from paraopt.mechanism.closing_joints import (
     ClosingCylindrical,
     ClosingJoint,
@@ -13,6 +14,7 @@ from paraopt.mechanism.closing_joints import (
 from paraopt.mechanism.closures import (
     Closure,
     Coincidence,
+    LinkClosure,
     ParallelAxes,
     ParallelPlanes,
     PerpendicularAxes,
@@ -20,7 +22,17 @@ from paraopt.mechanism.closures import (
     PointOnPlane,
     Weld,
 )
-from paraopt.mechanism.joints import Cylindrical, Fixed, Joint, Motion, Prismatic, Revolute, Spherical, Universal
+from paraopt.mechanism.joints import (
+    Cylindrical,
+    Fixed,
+    Joint,
+    Motion,
+    Prismatic,
+    Revolute,
+    Spherical,
+    Universal,
+    Unknown,
+)
 from paraopt.mechanism.links import Base, Link, Mobile, Series
 from paraopt.mechanism.mechanism import Mechanism, Variable
 
@@ -34,11 +46,14 @@ __all__ = [
     "ClosingUniversal",
     "Closure",
     "Coincidence",
+    "Coupling",
     "Cylindrical",
+    "Equilibrium",
     "Fixed",
     "Joint",
     "LineContact",
     "Link",
+    "LinkClosure",
     "Mechanism",
     "Mobile",
     "Motion",
@@ -52,7 +67,9 @@ __all__ = [
     "Revolute",
     "Series",
     "Spherical",
+    "Tension",
     "Universal",
+    "Unknown",
     "Variable",
     "Weld",
 ]

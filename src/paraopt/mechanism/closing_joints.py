@@ -15,6 +15,7 @@ from paraopt.mechanism.closures import (
     Closure,
     Coincidence,
     Direction,
+    LinkClosure,
     ParallelAxes,
     ParallelPlanes,
     PerpendicularAxes,
@@ -27,7 +28,7 @@ from paraopt.mechanism.closures import (
 )
 
 
-class ClosingJoint(Closure):
+class ClosingJoint(LinkClosure):
     """Hold what closures made of simple constraints share.
 
     Attributes:

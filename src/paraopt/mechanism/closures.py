@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from paraopt.errors import DefinitionError
+from paraopt.mechanism.joints import Unknown
 from paraopt.mechanism.links import as_point
 from paraopt.spatial import AXES, finite_vector
 
@@ -44,47 +45,39 @@ def unit(direction: Vector) -> Vector:
 
 
 class Closure:
-    """Hold what all closures share: two links, named, and a name.
+    """Hold what all closures share: a name, the links and variables that they relate, and variables of their own."""
 
-    Fields called `point_*` are points [m], fields called `axis_*`, `normal_*` or `direction_*` are directions; the name
-    is `link_A = link_B` when empty.
-    """
-
-    link_A: str
-    link_B: str
     name: str
 
-    def __init__(self, link_A: str, link_B: str, name: str = "") -> None:
+    def __init__(self, *_: Any, **__: Any) -> None:
         raise DefinitionError("a bare Closure has no equations; use Coincidence, Weld, ClosingRevolute, ...")
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise DefinitionError(f"name of a closure is {self.name!r}; it must be a string")
-        for side in ("link_A", "link_B"):
-            if not isinstance(getattr(self, side), str):
-                raise DefinitionError(f"{side} of a closure is {getattr(self, side)!r}; it must be the name of a link")
-        self._set("name", self.name or f"{self.link_A} = {self.link_B}")
-        for field in fields(self):  # type: ignore[arg-type]
-            kind, side = field.name.split("_")[0], field.name[-1]
-            value = getattr(self, field.name)
-            what = f"{kind} of {getattr(self, f'link_{side}', '')!r} in closure {self.name!r}"
-            if kind == "point":
-                self._set(field.name, as_point(value, what))
-            elif kind in ("axis", "normal", "direction"):
-                self._set(field.name, as_direction(value, what))
 
     def _set(self, field: str, value: Any) -> None:
         object.__setattr__(self, field, value)
 
     @property
-    def anchors(self) -> tuple[Vector | None, Vector | None]:
-        """Give the points at which the two links are tied together, None where the tie slides or has no place."""
-        return None, None
+    def links(self) -> tuple[str, ...]:
+        """Name the links that it relates."""
+        return ()
+
+    @property
+    def related(self) -> tuple[str, ...]:
+        """Name the variables that its equations hold directly, not by way of poses of links."""
+        return ()
+
+    @property
+    def declared(self) -> tuple[Unknown, ...]:
+        """List the variables that it brings with it."""
+        return ()
 
     @property
     def points(self) -> tuple[Vector, ...]:
         """List the points [m] of the description, each in the frame of its link."""
-        return tuple(getattr(self, f.name) for f in fields(self) if f.name.startswith("point_"))  # type: ignore[arg-type]
+        return ()
 
     def expand(self, planar: bool = False) -> tuple[Closure, ...]:
         """List the simple constraints that this closure is made of.
@@ -98,6 +91,48 @@ class Closure:
         if planar:
             self._check_planar()
         return (self,)
+
+    def _check_planar(self) -> None:
+        """Refuse what has no meaning in the plane z = 0."""
+
+
+class LinkClosure(Closure):
+    """Hold what the closures that tie two links together share: both links, named.
+
+    Fields called `point_*` are points [m], fields called `axis_*`, `normal_*` or `direction_*` are directions; the name
+    is `link_A = link_B` when empty.
+    """
+
+    link_A: str
+    link_B: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for side in ("link_A", "link_B"):
+            if not isinstance(getattr(self, side), str):
+                raise DefinitionError(f"{side} of a closure is {getattr(self, side)!r}; it must be the name of a link")
+        self._set("name", self.name or f"{self.link_A} = {self.link_B}")
+        for field in fields(self):  # type: ignore[arg-type]
+            kind, side = field.name.split("_")[0], field.name[-1]
+            value = getattr(self, field.name)
+            what = f"{kind} of {getattr(self, f'link_{side}', '')!r} in closure {self.name!r}"
+            if kind == "point":
+                self._set(field.name, as_point(value, what))
+            elif kind in ("axis", "normal", "direction"):
+                self._set(field.name, as_direction(value, what))
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        return self.link_A, self.link_B
+
+    @property
+    def anchors(self) -> tuple[Vector | None, Vector | None]:
+        """Give the points at which the two links are tied together, None where the tie slides or has no place."""
+        return None, None
+
+    @property
+    def points(self) -> tuple[Vector, ...]:
+        return tuple(getattr(self, f.name) for f in fields(self) if f.name.startswith("point_"))  # type: ignore[arg-type]
 
     def _check_planar(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]
@@ -115,7 +150,7 @@ class Closure:
 
 
 @dataclass(frozen=True)
-class Coincidence(Closure):
+class Coincidence(LinkClosure):
     """Keep a point of one link on a point of another: `p_A - p_B = 0`, 3 equations (2 in the plane).
 
     Attributes:
@@ -140,7 +175,7 @@ class Coincidence(Closure):
 
 
 @dataclass(frozen=True)
-class ParallelAxes(Closure):
+class ParallelAxes(LinkClosure):
     """Keep an axis of one link parallel to an axis of another: `u_A x u_B = 0`, 3 equations of rank 2 (1 in the plane).
 
     Attributes:
@@ -161,7 +196,7 @@ class ParallelAxes(Closure):
 
 
 @dataclass(frozen=True)
-class ParallelPlanes(Closure):
+class ParallelPlanes(LinkClosure):
     """Keep a plane of one link parallel to a plane of another: `n_A x n_B = 0`, 3 equations of rank 2.
 
     Attributes:
@@ -182,7 +217,7 @@ class ParallelPlanes(Closure):
 
 
 @dataclass(frozen=True)
-class PerpendicularAxes(Closure):
+class PerpendicularAxes(LinkClosure):
     """Keep an axis of one link perpendicular to an axis of another: `u_A . u_B = 0`, 1 equation.
 
     Attributes:
@@ -203,7 +238,7 @@ class PerpendicularAxes(Closure):
 
 
 @dataclass(frozen=True)
-class PointOnLine(Closure):
+class PointOnLine(LinkClosure):
     """Keep a point of one link on a line of another (linear annular): `(p_A - p_B) x u_B = 0`, 3 equations of rank 2.
 
     In the plane it is 1 equation.
@@ -232,7 +267,7 @@ class PointOnLine(Closure):
 
 
 @dataclass(frozen=True)
-class PointOnPlane(Closure):
+class PointOnPlane(LinkClosure):
     """Keep a point of one link on a plane of another (point contact): `(p_A - p_B) . n_B = 0`, 1 equation.
 
     Attributes:
@@ -259,7 +294,7 @@ class PointOnPlane(Closure):
 
 
 @dataclass(frozen=True)
-class Weld(Closure):
+class Weld(LinkClosure):
     """Hold one link in a constant pose relative to another: `X_A X_AB = X_B`.
 
     12 equations of rank 6: three of the positions and the nine entries of the rotations. In the plane 4 of rank 3.

@@ -15,6 +15,10 @@ from paraopt.errors import DefinitionError
 from paraopt.spatial import AXES
 
 Kind = Literal["angle", "length"]
+"""What a motion of a joint changes."""
+VariableKind = Literal["angle", "length", "force"]
+"""What a variable of the mechanism may be: a motion, or a force that holds it."""
+UNITS: Mapping[VariableKind, str] = {"angle": "rad", "length": "m", "force": "N"}
 Range = tuple[float, float]
 UNLIMITED: Range = (-np.inf, np.inf)
 
@@ -64,6 +68,25 @@ class Motion:
         if not isinstance(self.kind, str) or self.kind not in ("angle", "length"):
             raise DefinitionError(f"kind of {self.name!r} is {self.kind!r}; it must be 'angle' or 'length'")
         object.__setattr__(self, "range", as_range(self.range, f"range of {self.name!r}"))
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """Describe a variable that no joint moves and a closure brings with it, such as the tension of a cable.
+
+    Attributes:
+        name: Name of the variable.
+        kind: "force" [N], "length" [m] or "angle" [rad].
+        link: Name of the link to which it belongs.
+        range: Lowest and highest value, in the unit of its kind.
+        scale: Unit in which a force is judged [N]; not used for other kinds.
+    """
+
+    name: str
+    kind: VariableKind
+    link: str
+    range: Range = UNLIMITED
+    scale: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from paraopt.errors import DefinitionError, unknown_name
-from paraopt.mechanism.closures import Closure
-from paraopt.mechanism.joints import Kind, Motion, Range, as_tuple
+from paraopt.mechanism.balance import Coupling, Equilibrium, Tension
+from paraopt.mechanism.closures import Closure, LinkClosure
+from paraopt.mechanism.joints import UNITS, Motion, Range, Unknown, VariableKind, as_tuple
 from paraopt.mechanism.links import PLANAR_COORDINATES, Base, Link, Mobile, Series
 
 Role = Literal["active", "passive", "operational"]
@@ -23,22 +24,24 @@ class Variable:
 
     Attributes:
         name: Name.
-        kind: "angle" [rad] or "length" [m].
+        kind: "angle" [rad], "length" [m] or "force" [N].
         role: "active", "passive" or "operational".
-        link: Name of the link that it moves.
-        range: Lowest and highest value [rad or m].
+        link: Name of the link that it moves or pulls.
+        range: Lowest and highest value [rad, m or N].
+        scale: Unit in which it is judged: 1 rad, the characteristic length [m], or the force of reference [N].
     """
 
     name: str
-    kind: Kind
+    kind: VariableKind
     role: Role
     link: str
     range: Range
+    scale: float = 1.0
 
     @property
     def unit(self) -> str:
-        """Give the unit: "rad" or "m"."""
-        return "rad" if self.kind == "angle" else "m"
+        """Give the unit: "rad", "m" or "N"."""
+        return UNITS[self.kind]
 
 
 @dataclass(frozen=True)
@@ -104,14 +107,26 @@ class Mechanism:
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
         """List every variable in the order of X: active, passive, operational."""
-        declared = {m.name: (m, link.name) for link in self.links for m in link.motions}
         taken = {*self.active, *self.operational}
+        declared = {u.name: u for u in self._unknowns}
         passive = [name for name in declared if name not in taken]
 
         def build(names: Iterable[str], role: Role) -> list[Variable]:
-            return [Variable(n, declared[n][0].kind, role, declared[n][1], declared[n][0].range) for n in names]
+            unknowns = [declared[n] for n in names]
+            scales = [{"length": self.length, "angle": 1.0, "force": u.scale}[u.kind] for u in unknowns]
+            return [
+                Variable(u.name, u.kind, role, u.link, u.range, scale)
+                for u, scale in zip(unknowns, scales, strict=True)
+            ]
 
         return tuple(build(self.active, "active") + build(passive, "passive") + build(self.operational, "operational"))
+
+    @cached_property
+    def _unknowns(self) -> tuple[Unknown, ...]:
+        """List what links and closures declare; two closures may share an unknown."""
+        moved = [Unknown(m.name, m.kind, link.name, m.range) for link in self.links for m in link.motions]
+        brought = {u.name: u for closure in self.closures for u in closure.declared}
+        return (*moved, *brought.values())
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -224,17 +239,18 @@ class Mechanism:
         for closure in self.closures:
             if not isinstance(closure, Closure):
                 raise DefinitionError(f"{self.name!r} has {closure!r} among its closures; it must be a Closure")
-            for end in (closure.link_A, closure.link_B):
+            for end in closure.links:
                 if end not in known:
                     raise unknown_name(f"link in closure {closure.name!r}", end, known)
-            if closure.link_A == closure.link_B:
+            if isinstance(closure, LinkClosure) and closure.link_A == closure.link_B:
                 raise DefinitionError(f"closure {closure.name!r} ties {closure.link_A!r} to itself")
         _check_unique("closure", (closure.name for closure in self.closures), self.name)
         _check_unique("constraint", (part.name for part in self.constraints), self.name)
 
     def _check_variables(self) -> None:
-        declared = [m.name for link in self.links for m in link.motions]
+        declared = [u.name for u in self._unknowns]
         _check_unique("variable", declared, self.name)
+        self._check_forces()
         for role in ("active", "operational"):
             for name in getattr(self, role):
                 if not isinstance(name, str) or name not in declared:
@@ -243,10 +259,29 @@ class Mechanism:
         both = [name for name in self.active if name in self.operational]
         if both:
             raise DefinitionError(f"variable {both[0]!r} of {self.name!r} is both active and operational; choose one")
+        kinds: dict[str, str] = {u.name: u.kind for u in self._unknowns}
+        for constraint in self.constraints:
+            for name in constraint.related:
+                if name not in kinds:
+                    raise unknown_name(f"variable in closure {constraint.name!r}", name, declared)
+            if isinstance(constraint, Coupling):
+                constraint.check_kinds(kinds)
         if not self.active:
             raise DefinitionError(f"{self.name!r} has no active variable; name at least one")
         if not self.operational:
             raise DefinitionError(f"{self.name!r} has no operational variable; name at least one")
+
+    def _check_forces(self) -> None:
+        """Refuse two equilibria that say different things of one tension, or pull one link twice."""
+        balanced = [c for c in self.constraints if isinstance(c, Equilibrium)]
+        _check_unique("equilibrium of link", (c.link for c in balanced), self.name)
+        known: dict[str, Tension] = {}
+        for tension in (t for c in balanced for t in c.tensions):
+            if known.setdefault(tension.name, tension) != tension:
+                raise DefinitionError(
+                    f"tension {tension.name!r} of {self.name!r} is described twice, differently; where a cable pulls "
+                    "two links, both equilibria must hold the same"
+                )
 
 
 def _describe(motion: Motion) -> str:

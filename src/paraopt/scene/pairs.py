@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations
 
 from paraopt.errors import unknown_name
-from paraopt.mechanism import Fixed, Series, Weld
+from paraopt.mechanism import Fixed, LinkClosure, Series, Weld
 from paraopt.robot import Robot
+from paraopt.scene.ends import Tie, find_places, is_near, why_not_cables, why_not_solid
 from paraopt.scene.rules import PairRule, find_rule
 from paraopt.shapes import Cable, Shape
 
@@ -102,7 +102,8 @@ def choose_pairs(
 
     Left out are pairs on one link, or on links fixed to each other, pairs of bodies that do not move (obstacles, the
     base, and what is fixed to it), links joined by a joint or a closure (also through links that carry no solid),
-    cables and what their ends are on, and the contacts that the robot declares. Rules have the last word.
+    cables and the solids that hold their ends, cables that end at one place, and the contacts that the robot declares.
+    Rules have the last word.
 
     Args:
         robot: The machine.
@@ -115,12 +116,14 @@ def choose_pairs(
     neighbours = find_neighbours(robot)
     rigid = find_rigid_groups(robot)
     declared = {frozenset(pair): reason for pair, reason in robot.contacts.items()}
+    ties = _list_ties(robot)
+    places = {b.name: find_places(ties, b.shape) for b in bodies if isinstance(b.shape, Cable)}
     checked: list[Pair] = []
     skipped: list[SkippedPair] = []
     for i, j in combinations(range(len(bodies)), 2):
         a, b = bodies[i], bodies[j]
         name = f"{a.name} / {b.name}"
-        reason = _why_not(a, b, neighbours, rigid, declared)
+        reason = _why_not(a, b, neighbours, rigid, declared, places)
         rule = find_rule(rules, (a.name, *a.links), (b.name, *b.links))
         if rule is not None:
             reason = "" if rule.check else rule.reason
@@ -137,6 +140,7 @@ def _why_not(
     neighbours: dict[frozenset[str], str],
     rigid: dict[str, str],
     declared: dict[frozenset[str], str],
+    places: Mapping[str, Sequence[Mapping[str, Sequence[float]]]],
 ) -> str:
     """Tell why two bodies need no check; an empty string where they do."""
     links = (*a.links, *b.links)
@@ -145,7 +149,7 @@ def _why_not(
     if all(rigid[link] == "world" for link in links):
         return "neither moves"
     if isinstance(a.shape, Cable) or isinstance(b.shape, Cable):
-        return _why_no_cable(a, b)
+        return _why_no_cable(a, b, places)
     key = frozenset(links)
     if key in neighbours:
         return neighbours[key]
@@ -154,21 +158,13 @@ def _why_not(
     return f"declared: {declared[key]}" if key in declared else ""
 
 
-def _why_no_cable(a: Body, b: Body) -> str:
-    if not isinstance(b.shape, Cable):
+def _why_no_cable(a: Body, b: Body, places: Mapping[str, Sequence[Mapping[str, Sequence[float]]]]) -> str:
+    if isinstance(a.shape, Cable) and isinstance(b.shape, Cable):
+        return why_not_cables(a.shape, b.shape, places[a.name], places[b.name])
+    if isinstance(a.shape, Cable):
         a, b = b, a
-    if isinstance(b.shape, Cable) and not isinstance(a.shape, Cable):
-        for link, ignored in zip(b.links, b.shape.ignore, strict=True):
-            if link == a.link and ignored == 0.0:
-                return f"the cable ends on {link!r}"
-    elif isinstance(a.shape, Cable) and isinstance(b.shape, Cable):
-        for one, other in product(range(2), repeat=2):
-            if a.links[one] != b.links[other] or (a.shape.ignore[one] > 0.0 and b.shape.ignore[other] > 0.0):
-                continue
-            p = (a.shape.point_A, a.shape.point_B)[one]
-            q = (b.shape.point_A, b.shape.point_B)[other]
-            if math.dist(p, q) <= a.shape.radius + b.shape.radius:
-                return f"both end at one place of {a.links[one]!r}"
+    if isinstance(a.shape, Shape) and isinstance(b.shape, Cable):
+        return why_not_solid(a.shape, a.link, b.shape, places[b.name], a.name)
     return ""
 
 
@@ -187,15 +183,6 @@ def find_rigid_groups(robot: Robot) -> dict[str, str]:
             kept = "world" if "world" in (one, other) else min(one, other)
             group = {name: kept if g in (one, other) else g for name, g in group.items()}
     return group
-
-
-@dataclass(frozen=True)
-class _Tie:
-    """Describe how a link is tied to another: by what, and at which of its own points (None when it slides)."""
-
-    other: str
-    kind: str
-    point: tuple[float, float, float] | None
 
 
 def find_neighbours(robot: Robot, reach: float = 0.05) -> dict[frozenset[str], str]:
@@ -226,7 +213,7 @@ def find_neighbours(robot: Robot, reach: float = 0.05) -> dict[frozenset[str], s
                     found.setdefault(frozenset((start, here)), f"joined by {kind}")
                 continue
             for tie in ties[here]:
-                if tie.other == start or (here, tie.other) in seen or not _is_near(arrived.point, tie.point, reach):
+                if tie.other == start or (here, tie.other) in seen or not is_near(arrived.point, tie.point, reach):
                     continue
                 seen.add((here, tie.other))
                 via = kind if kind.startswith("way of") else f"way of {here!r}, which has no solid"
@@ -234,24 +221,21 @@ def find_neighbours(robot: Robot, reach: float = 0.05) -> dict[frozenset[str], s
     return found
 
 
-def _list_ties(robot: Robot) -> dict[str, list[_Tie]]:
-    ties: dict[str, list[_Tie]] = {link.name: [] for link in robot.mechanism.links}
+def _list_ties(robot: Robot) -> dict[str, list[Tie]]:
+    ties: dict[str, list[Tie]] = {link.name: [] for link in robot.mechanism.links}
     origin = (0.0, 0.0, 0.0)
     for link in robot.mechanism.links:
         if isinstance(link, Series):
             slides = any(m.kind == "length" for m in link.motions)
             x, y, z = link.at
-            ties[link.father].append(_Tie(link.name, "a joint", None if slides else (x, y, z)))
-            ties[link.name].append(_Tie(link.father, "a joint", None if slides else origin))
+            there, here = (None, None) if slides else ((x, y, z), origin)
+            ties[link.father].append(Tie(link.name, "a joint", there, here))
+            ties[link.name].append(Tie(link.father, "a joint", here, there))
     for closure in robot.mechanism.closures:
         # directions alone do not bring two links together, nor do cables or relations between joints
         if not isinstance(closure, LinkClosure) or not closure.points:
             continue
         anchor_A, anchor_B = closure.anchors
-        ties[closure.link_A].append(_Tie(closure.link_B, "a closure", anchor_A))
-        ties[closure.link_B].append(_Tie(closure.link_A, "a closure", anchor_B))
+        ties[closure.link_A].append(Tie(closure.link_B, "a closure", anchor_A, anchor_B))
+        ties[closure.link_B].append(Tie(closure.link_A, "a closure", anchor_B, anchor_A))
     return ties
-
-
-def _is_near(a: tuple[float, float, float] | None, b: tuple[float, float, float] | None, reach: float) -> bool:
-    return a is not None and b is not None and math.dist(a, b) <= reach

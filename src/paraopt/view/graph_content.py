@@ -8,10 +8,12 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from graphlib import TopologicalSorter
+from itertools import pairwise
 from typing import Literal
 
 from paraopt.mechanism import Mechanism, Mobile, Series
-from paraopt.mechanism.closures import Closure
+from paraopt.mechanism.balance import Equilibrium
+from paraopt.mechanism.closures import Closure, LinkClosure
 
 ACTIVE, OPERATIONAL = "●", "◆"
 """Signs before the names of active and operational variables: they say without colour what the colours say."""
@@ -63,7 +65,8 @@ class GraphTie:
         name: Name, unique in the graph.
         kind: "joint" or "closure".
         ends: Names of the two links.
-        lines: Text on the line: type, then names of variables.
+        lines: Text on the line: type, then names of variables. A closure that relates more than two links stands once
+            for every two that it ties.
         active: Whether an actuator drives one of its variables.
     """
 
@@ -119,11 +122,28 @@ def build_link_graph(mechanism: Mechanism) -> LinkGraph:
             links.append(GraphLink(link.name, "base", layers[link.name]))
     together: dict[tuple[str, str], list[Closure]] = defaultdict(list)
     for closure in mechanism.closures:
-        key = (closure.link_A, closure.link_B)
-        together[key if key in together or key[::-1] not in together else key[::-1]].append(closure)
+        for key in _list_ends(mechanism, closure):
+            together[key if key in together or key[::-1] not in together else key[::-1]].append(closure)
     for ends, closures in together.items():
-        ties.append(GraphTie(f"closure of {ends[0]} and {ends[1]}", "closure", ends, _describe_closures(closures)))
+        text = _describe_closures(closures)
+        tensions = [t.name for c in closures if isinstance(c, Equilibrium) for t in c.tensions if t.link_A in ends
+                    and t.link_B in ends]  # fmt: skip
+        text += _list_variables(tensions, roles) if tensions else ()
+        driven = any(roles[n] == "active" for n in tensions)
+        ties.append(GraphTie(f"closure of {ends[0]} and {ends[1]}", "closure", ends, text, driven))
     return LinkGraph(tuple(links), tuple(ties))
+
+
+def _list_ends(mechanism: Mechanism, closure: Closure) -> list[tuple[str, str]]:
+    """List the pairs of links that a closure ties, by points, by cables, or by their variables."""
+    if isinstance(closure, LinkClosure):
+        return [(closure.link_A, closure.link_B)]
+    if isinstance(closure, Equilibrium):
+        pairs = [(t.link_A, t.link_B) for t in closure.tensions]
+    else:
+        moved = [mechanism.variables[i].link for i in mechanism.indices(closure.related)]
+        pairs = [(a, b) for a, b in pairwise(dict.fromkeys(moved))]
+    return list({frozenset(pair): pair for pair in pairs}.values())
 
 
 # --- Layers
@@ -147,7 +167,7 @@ def _assign_layers(mechanism: Mechanism) -> dict[str, int]:
             link = father[link]
 
     tree = {link.name: deque(ancestors(link.name), maxlen=1)[0] for link in mechanism.links}
-    ties = [(c.link_A, c.link_B) for c in mechanism.closures]
+    ties = [pair for c in mechanism.closures for pair in _list_ends(mechanism, c)]
     rank = _rank_trees(mechanism.base.name, [(tree[a], tree[b]) for a, b in ties])
     last = max(rank.values()) + 1
     upwards: set[str] = set()
@@ -246,6 +266,8 @@ def _describe_closures(closures: Sequence[Closure]) -> tuple[GraphText, ...]:
         count = sum(type(c) is kind for c in closures)
         words = _words(kind.__name__)
         lines.append(GraphText(words if count == 1 else f"{count} × {words}", "type"))
-    if len(closures) == 1 and closures[0].name != f"{closures[0].link_A} = {closures[0].link_B}":
-        lines += [GraphText(line, "name") for line in _wrap(closures[0].name)]
+    first = closures[0]
+    own = not isinstance(first, LinkClosure) or first.name != f"{first.link_A} = {first.link_B}"
+    if len(closures) == 1 and own:
+        lines += [GraphText(line, "name") for line in _wrap(first.name)]
     return tuple(lines)

@@ -122,8 +122,8 @@ def write_motion_page(
         readouts.append(Readout("clearance", "mm", clearance, 1e3 * problem.margins.clearance))
     readouts.append(Readout("parallel margin", "", at(certificate.parallel_margin), problem.margins.singularity))
     for i, variable in enumerate(mechanism.variables[: len(mechanism.active)]):
-        length = variable.kind == "length"
-        readouts.append(Readout(variable.name, "mm" if length else "deg", X[:, i] * (1e3 if length else 180.0 / np.pi)))
+        unit, factor = {"length": ("mm", 1e3), "angle": ("deg", 180.0 / np.pi), "force": ("N", 1.0)}[variable.kind]
+        readouts.append(Readout(variable.name, unit, X[:, i] * factor))
     return write_page(
         path,
         title=f"{problem.robot.name}: certified motion"

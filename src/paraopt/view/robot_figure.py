@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from paraopt.kinematics import Configuration, report_state
-from paraopt.mechanism import Base, Mechanism, Mobile, Series
+from paraopt.mechanism import Base, LinkClosure, Mechanism, Mobile, Series
 from paraopt.robot import Robot
 from paraopt.shapes import Cylinder, Sphere
 from paraopt.spatial import transform
@@ -145,7 +145,7 @@ def _list_lines(mechanism: Mechanism, name: str) -> Iterator[Array]:
     link = mechanism.link(name)
     points: list[Sequence[float]] = [] if isinstance(link, (Base, Mobile)) else [(0.0, 0.0, 0.0)]
     points += [k.at for k in mechanism.links if isinstance(k, Series) and k.father == name]
-    for closure in mechanism.closures:
+    for closure in _list_joints(mechanism):
         for end, anchor in zip((closure.link_A, closure.link_B), closure.anchors, strict=True):
             if end == name and anchor is not None:
                 points.append(anchor)
@@ -160,6 +160,10 @@ def _list_lines(mechanism: Mechanism, name: str) -> Iterator[Array]:
         yield corners[[*order, order[0]]]
 
 
+def _list_joints(mechanism: Mechanism) -> list[LinkClosure]:
+    return [c for c in mechanism.closures if isinstance(c, LinkClosure)]
+
+
 def _list_pivots(robot: Robot, configuration: Configuration) -> Iterator[tuple[Array, bool]]:
     """Give the points in the world about which links turn [m], and whether the base holds them."""
     base = robot.mechanism.base.name
@@ -167,7 +171,7 @@ def _list_pivots(robot: Robot, configuration: Configuration) -> Iterator[tuple[A
     for link in robot.mechanism.links:
         if isinstance(link, Series) and any(m.kind == "angle" for m in link.motions):
             yield poses[link.name][:3, 3], link.father == base
-    for closure in robot.mechanism.closures:
+    for closure in _list_joints(robot.mechanism):
         first, second = closure.anchors
         if first is not None and second is not None:
             yield _move(poses[closure.link_A], np.array(first)), base in (closure.link_A, closure.link_B)
