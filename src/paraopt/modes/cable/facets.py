@@ -79,7 +79,7 @@ class Facets:
         Returns:
             Shape (k, 2 n_pairs) [N], those of the lower facets first; inf where there is no facet.
         """
-        along = np.einsum("kpd,kd->kp", self.normals, _scale_moments(np.atleast_2d(wrench), self.length)
+        along = np.einsum("kpd,kd->kp", self.normals, scale_moments(np.atleast_2d(wrench), self.length)
                           * np.ones((len(self.normals), 1)))  # fmt: skip
         # the wrench of the cables is -w
         levels = np.hstack([-along - self.lower, self.upper + along])
@@ -128,7 +128,7 @@ def facets_of(
     k, dof, n = matrices.shape
     _check_counts(dof, n)
     plan = _plan(dof, n)
-    scaled = np.ascontiguousarray(_scale_moments(matrices.transpose(2, 0, 1), length).transpose(2, 0, 1))  # (dof, n, k)
+    scaled = np.ascontiguousarray(scale_moments(matrices.transpose(2, 0, 1), length).transpose(2, 0, 1))  # (dof, n, k)
     low, high = (np.broadcast_to(np.asarray(v, dtype=float), (n,))[:, None] for v in (t_min, t_max))
     normals, upper, lower = np.empty((k, plan.n_pairs, dof)), np.empty((k, plan.n_pairs)), np.empty((k, plan.n_pairs))
     for first in range(0, k, options.chunk):
@@ -168,8 +168,8 @@ def capacity_margins(
         w = np.broadcast_to(np.asarray(wrench, dtype=float), (k, dof))
     plan = _plan(dof, n)
     length = robot.length_scale
-    scaled = np.ascontiguousarray(_scale_moments(W.transpose(2, 0, 1), length).transpose(2, 0, 1))
-    asked = np.ascontiguousarray(_scale_moments(w, length).T)
+    scaled = np.ascontiguousarray(scale_moments(W.transpose(2, 0, 1), length).transpose(2, 0, 1))
+    asked = np.ascontiguousarray(scale_moments(w, length).T)
     low, high = robot.t_min[:, None], robot.t_max[:, None]
     margins = np.empty(k)
     for first in range(0, k, options.chunk):
@@ -357,7 +357,7 @@ def _check_counts(dof: int, n: int) -> None:
         )
 
 
-def _scale_moments(wrenches: Array, length: float) -> Array:
+def scale_moments(wrenches: Array, length: float) -> Array:
     """Divide the moments by a length; wrenches have shape (..., dof)."""
     return np.asarray(wrenches / _weights(wrenches.shape[-1], length))
 
