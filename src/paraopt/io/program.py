@@ -200,8 +200,8 @@ def read_program(path: str | os.PathLike[str], template: Template, period: float
         The program. Bounds are not judged: `check_commands` does.
 
     Raises:
-        DefinitionError: The file is not of this template, has no command, or its period is missing or not a number, or its
-            times or indices do not count on.
+        DefinitionError: The file is not of this template, has no command, its period is missing or not a number, or
+            its times or indices do not count on.
     """
     what = os.fspath(path)
     try:
@@ -232,8 +232,8 @@ def read_program(path: str | os.PathLike[str], template: Template, period: float
             if np.any(gap > 0.0):
                 row = int(np.argmax(gap > 0.0))
                 raise DefinitionError(
-                    f"{what}: command {row} has {column.name} = {values[row, i]:g} where {expected[row]:g} belongs; are "
-                    "commands missing?"
+                    f"{what}: command {row} has {column.name} = {values[row, i]:g} where {expected[row]:g} belongs; "
+                    "are commands missing?"
                 )
     return Program(template, values, period, fields)
 
