@@ -1,8 +1,8 @@
 """Motion: from a problem to a seed, a refined path, a timed trajectory, and the certificate that proves it."""
 
+from paraopt.planning.condition import PathBound, PathCondition
 from paraopt.planning.law import TimeLaw
 from paraopt.planning.nlp import Nlp, build_nlp, solve_nlp
-from paraopt.planning.nlp_constraint import PathBound
 from paraopt.planning.nlp_options import NlpOptions
 from paraopt.planning.nlp_spline import ToolPath, Waypoint
 from paraopt.planning.objective import Objective
@@ -33,6 +33,7 @@ __all__ = [
     "Objective",
     "Path",
     "PathBound",
+    "PathCondition",
     "PathConstraint",
     "PathPoints",
     "PathRows",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.planning.nlp_constraint import PathBound, read_constraints
+from paraopt.planning.condition import PathBound, PathCondition, read_conditions
 from paraopt.planning.problem import Problem
 
 Array = NDArray[np.float64]
@@ -28,8 +28,8 @@ class SampleValues:
         d_margins: Shape (n, 2, m).
         logarithms: Logarithms of both normalised determinants [1], shape (n, 2).
         d_logarithms: Shape (n, 2, m).
-        held: Quantities of the user's own over their scales, shape (n, u).
-        d_held: Shape (n, u, m).
+        conditions: Quantities under conditions over their scales, shape (n, u); the problem's come first.
+        d_conditions: Shape (n, u, m).
         distances: Signed distances of the near pairs [m], shape (n, k).
         d_distances: Shape (n, k, m).
     """
@@ -43,8 +43,8 @@ class SampleValues:
     d_margins: Array
     logarithms: Array
     d_logarithms: Array
-    held: Array
-    d_held: Array
+    conditions: Array
+    d_conditions: Array
     distances: Array
     d_distances: Array
 
@@ -56,20 +56,25 @@ class SampleEvaluator:
         problem: The problem.
         X: A configuration near each sample, shape (n, n_variables); follows the samples as they move.
         pairs: Near pairs whose distances are wanted.
-        constraints: Bounds of the user's own.
+        constraints: Conditions besides those of the problem.
     """
 
     def __init__(
-        self, problem: Problem, X: Array, pairs: NDArray[np.intp], constraints: Sequence[PathBound] = ()
+        self,
+        problem: Problem,
+        X: Array,
+        pairs: NDArray[np.intp],
+        constraints: Sequence[PathBound | PathCondition] = (),
     ) -> None:
         self.problem, self.pairs = problem, pairs
         mechanism = problem.robot.mechanism
         low, high = problem.bounds.bounds(mechanism)
-        self._independent = mechanism.indices(problem.independent)
         self.bounded = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
         self.scale = problem.robot.kinematics.graph.variable_scale
         self.low, self.high = (low / self.scale)[self.bounded], (high / self.scale)[self.bounded]
-        self.held = read_constraints(problem.robot.kinematics.graph, tuple(constraints))
+        graph = problem.robot.kinematics.graph
+        self.conditions = read_conditions(graph, (*problem.conditions, *constraints))
+        self.n_barred = len(problem.condition_set)
         self._near = X.copy()
         self._near_T = problem.space.tangent(X)
         self._signs = np.sign(self._orientation(self._near_T))
@@ -91,9 +96,9 @@ class SampleEvaluator:
     def __call__(self, values: Array) -> SampleValues:
         """Evaluate at n samples of the independent coordinates, shape (n, m)."""
         self.evaluations += 1
-        problem, kinematics = self.problem, self.problem.robot.kinematics
-        predicted = self._near + np.einsum("nvm,nm->nv", self._near_T, values - self._near[:, self._independent])
-        closed = kinematics.solve_batch(problem.independent, values, predicted)
+        problem = self.problem
+        predicted = self._near + np.einsum("nvm,nm->nv", self._near_T, values - self._near[:, problem.index])
+        closed = problem.space.solve(values, predicted)
         X = closed.X
         good = bool(np.all(closed.converged))
         T = problem.space.tangent(X)
@@ -104,7 +109,7 @@ class SampleEvaluator:
             ds, dls = np.zeros_like(ds), np.zeros_like(dls)
         good = good and bool(np.all(np.sign(self._orientation(T)) == self._signs))
         distances = problem.scene.distances(X, self.pairs, T)
-        held, d_held = self.held(X, T)
+        conditions, d_conditions = self.conditions(X, T)
         if good:
             self._near, self._near_T = X, T
         return SampleValues(
@@ -117,8 +122,8 @@ class SampleEvaluator:
             np.stack([dp, ds], axis=1),
             np.column_stack([margins.log_parallel, log_serial]),
             np.stack([dlp, dls], axis=1),
-            held,
-            d_held,
+            conditions,
+            d_conditions,
             distances.values,
             distances.gradients,
         )
@@ -135,7 +140,7 @@ class SampleEvaluator:
         """
         m = T.shape[2]
         k, j = np.triu_indices(m)
-        upper = self.problem.robot.kinematics.curvature(X, T[:, :, k], T[:, :, j], self.problem.independent)
+        upper = self.problem.space.curvature(X, T[:, :, k], T[:, :, j])
         H = np.empty((*T.shape, m))
         H[:, :, k, j] = upper
         H[:, :, j, k] = upper
@@ -159,10 +164,10 @@ class SampleEvaluator:
         at = np.flatnonzero(np.any(np.abs(weights) > 1e-3 * strongest, axis=1))
         if not at.size:
             return bent
-        problem, scale = self.problem, self.scale[self._independent]
+        problem, scale = self.problem, self.scale[self.problem.index]
         moves = step * np.vstack([np.diag(scale), -np.diag(scale)])
         near = (X[at, None, :] + np.einsum("avm,km->akv", T[at], moves)).reshape(-1, X.shape[1])
-        closed = problem.robot.kinematics.solve_batch(problem.independent, near[:, self._independent], near)
+        closed = problem.space.solve(near[:, problem.index], near)
         _, parallel, serial, _, _ = problem.space.margin_gradients(closed.X, problem.space.tangent(closed.X))
         slopes = np.stack([parallel, serial], axis=1).reshape(len(at), 2, m, 2, m)
         second = (slopes[:, 0] - slopes[:, 1]) / (2.0 * step * scale[:, None, None])

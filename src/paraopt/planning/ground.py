@@ -211,7 +211,7 @@ class Ground:
         Returns:
             The spots, None where blocked, and the reasons.
         """
-        kinematics, names, index = self.problem.robot.kinematics, self.problem.independent, self.problem.index
+        space, index = self.problem.space, self.problem.index
         X = np.array([s.X for s in nears])
         T = np.array([s.T for s in nears])
         first = np.array([s.value for s in nears])
@@ -221,9 +221,9 @@ class Ground:
         for k in range(1, steps):
             there = first + move * (k / steps)
             predicted = X + np.einsum("nvm,nm->nv", T, there - X[:, index])
-            closed = kinematics.solve_batch(names, there, predicted)
+            closed = space.solve(there, predicted)
             X = np.where(closed.converged[:, None], closed.X, X)  # the others are tried again from where they stopped
-            T = self.problem.space.tangent(X)
+            T = space.tangent(X)
         there = first + move
         waiting = [Spot(x[index], x, t) for x, t in zip(X, T, strict=True)]
         return self.judge(there, waiting)

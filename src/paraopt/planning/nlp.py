@@ -345,7 +345,7 @@ def _time(problem: Problem, samples: Array, X: Array, speeds: tuple[Array, Array
     if not np.all(np.isfinite(limits)):
         raise DefinitionError(f"time is to be made short, but not all of {list(names)} have velocity and acceleration "
                               "limits; state them in Limits")  # fmt: skip
-    goal = problem.robot.kinematics.solve_batch(problem.independent, problem.goal_values()[None], X[-1:])
+    goal = problem.space.solve(problem.goal_values()[None], X[-1:])
     q = np.vstack([problem.start_configuration.X, X, goal.X])[:, mechanism.indices(names)]
     model = TimeModel(samples, limits[0], limits[1], 1.0)
     b = model.guess(q)
@@ -369,8 +369,7 @@ def _fit(seed: Seed, knots: Array, degree: int, samples: Array) -> BSpline:
 
 def _configurations(problem: Problem, seed: Seed, spline: BSpline, samples: Array) -> Array:
     """Solve the closures at samples of the fitted spline: along the polyline first, then across to the spline."""
-    kinematics, names = problem.robot.kinematics, problem.independent
-    index = problem.robot.mechanism.indices(names)
+    index = problem.index
     arc = seed.arc
     values = seed.at(samples)
     corner = np.clip(np.searchsorted(arc, samples, side="right") - 1, 0, len(arc) - 1)
@@ -385,7 +384,7 @@ def _configurations(problem: Problem, seed: Seed, spline: BSpline, samples: Arra
             T = problem.space.tangent(X)
             goal = origin + (target - origin) * (k / steps)
             predicted = X + np.einsum("nvm,nm->nv", T, goal - X[:, index])
-            closed = kinematics.solve_batch(names, goal, predicted)
+            closed = problem.space.solve(goal, predicted)
             if not np.all(closed.converged):
                 i = int(np.argmin(closed.converged))
                 raise RefineError(
@@ -400,12 +399,13 @@ def _configurations(problem: Problem, seed: Seed, spline: BSpline, samples: Arra
 def _bounds(problem: Problem, evaluation: Evaluation, slack: Slack) -> tuple[Array, Array, tuple[str, ...]]:
     """Give the bounds of g, and what each row of one sample is."""
     names, evaluator, n = problem.robot.mechanism.names, evaluation.evaluator, evaluation.n
+    conditions = evaluator.conditions
     kinds = ("parallel", "serial")[: evaluation.kinds]
     labels = (
         *(f"range of {names[i]!r} [scaled]" for i in evaluator.bounded),
         "parallel margin",
         "serial margin",
-        *(f"{c.name} [over {c.scale:g}]" if c.scale != 1.0 else c.name for c in evaluator.held.constraints),
+        *(f"{n} [over {c:g}]" if c != 1.0 else n for n, c in zip(conditions.names, conditions.scales, strict=True)),
         *(f"distance {problem.scene.pairs[p].name} [horizons]" for p in evaluator.pairs),
         *(f"{kind} margin over the smallest" for kind in kinds if evaluation.n_level),
     )
@@ -417,12 +417,12 @@ def _bounds(problem: Problem, evaluation: Evaluation, slack: Slack) -> tuple[Arr
     low = np.hstack([
         evaluator.low + column["range"],
         singular + column["singularity"],
-        evaluator.held.lower + column["held"],
+        conditions.lower + column["condition"],
         np.tile((problem.margins.clearance + column["clearance"]) / evaluation.barriers.horizon, k),
         np.zeros((n, level)),
     ])  # fmt: skip
     high = np.hstack([
-        evaluator.high - column["range"], np.full((n, 2), np.inf), evaluator.held.upper - column["held"],
+        evaluator.high - column["range"], np.full((n, 2), np.inf), conditions.upper - column["condition"],
         np.full((n, k + level), np.inf),
     ])  # fmt: skip
     lows, highs = [low.ravel()], [high.ravel()]

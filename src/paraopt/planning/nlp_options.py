@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError
-from paraopt.planning.nlp_constraint import PathBound
+from paraopt.planning.condition import PathBound, PathCondition
 from paraopt.planning.nlp_spline import ToolPath, Waypoint
 from paraopt.planning.objective import Objective
 from paraopt.planning.problem import Problem
@@ -52,7 +52,7 @@ class NlpOptions:
     rest: bool = False
     waypoints: Sequence[Waypoint] = ()
     tool_paths: Sequence[ToolPath] = ()
-    constraints: Sequence[PathBound] = ()
+    constraints: Sequence[PathBound | PathCondition] = ()
     backend: Literal["sqp", "ipopt"] = "sqp"
     iterations: int = 120
     tolerance: float = 1e-5
@@ -105,10 +105,10 @@ class Slack:
         clearance: A number, or one for each inner sample [m].
         singularity: Likewise [1].
         range: Likewise, in characteristic lengths or radians.
-        held: Likewise, for the user's own constraints, over their scales.
+        condition: Likewise, for conditions, over their scales.
     """
 
     clearance: float | Array = 0.0
     singularity: float | Array = 0.0
     range: float | Array = 0.0
-    held: float | Array = 0.0
+    condition: float | Array = 0.0

@@ -115,7 +115,7 @@ class Evaluation:
         self.n_y, self.n_level = space.n_y, int(objective.margin > 0)
         self.kinds = 2 if barriers.serial else 1
         self.per_sample = (
-            len(evaluator.bounded) + 2 + len(evaluator.held) + len(evaluator.pairs) + self.n_level * self.kinds
+            len(evaluator.bounded) + 2 + len(evaluator.conditions) + len(evaluator.pairs) + self.n_level * self.kinds
         )
         self.balls = [(*space.motions(np.array([place])), centre, radius) for place, centre, radius in balls]
         self.n_b = time.n_b if time is not None else 0
@@ -211,8 +211,8 @@ class Evaluation:
             f += self.objective.evenness * uneven
             d_f[: self.n_y] = self.objective.evenness * d_uneven
         d_f[: self.n_y] += 2.0 * (half + self._linear) + (d_barrier * self.to_physical).ravel() @ self._flat
-        g = [v.bounded, v.margins, v.held, v.distances / self.barriers.horizon]
-        d_g = [v.d_bounded, v.d_margins, v.d_held, v.d_distances / self.barriers.horizon]
+        g = [v.bounded, v.margins, v.conditions, v.distances / self.barriers.horizon]
+        d_g = [v.d_bounded, v.d_margins, v.d_conditions, v.d_distances / self.barriers.horizon]
         if self.n_level:
             f -= self.objective.margin * float(x[self.n_y])
             d_f[self.n_y] = -self.objective.margin
@@ -263,7 +263,7 @@ class Evaluation:
     def _last_drives(self, v: SampleValues) -> Array:
         """Solve the goal from the last sample, so that actuators that turn stay unwrapped."""
         problem = self.evaluator.problem
-        closed = problem.robot.kinematics.solve_batch(problem.independent, self.space.ends[1][None], v.X[-1:])
+        closed = problem.space.solve(self.space.ends[1][None], v.X[-1:])
         return closed.X[0, self._active]
 
     # -- second derivatives ----------------------------------------------------------------------------------------
@@ -283,9 +283,9 @@ class Evaluation:
         if v is None:
             return H
         by_sample = multipliers[: self.n * self.per_sample].reshape(self.n, self.per_sample)
-        b, u = len(self.evaluator.bounded), len(self.evaluator.held)
+        b, u = len(self.evaluator.bounded), len(self.evaluator.conditions)
         W = weight_f * self._barriers(v)[2]
-        on_range, on_held = by_sample[:, :b], by_sample[:, b + 2 : b + 2 + u]
+        on_range, on_conditions = by_sample[:, :b], by_sample[:, b + 2 : b + 2 + u]
         on_margins = by_sample[:, b : b + 2].copy()
         if self.n_level:
             on_margins[:, : self.kinds] += by_sample[:, self.per_sample - self.kinds :]
@@ -303,8 +303,8 @@ class Evaluation:
             second = self.evaluator.second(v.X, v.T)
             if is_bent:
                 W = W + np.einsum("nv,nvij->nij", weights, second)
-            if u and np.any(on_held):
-                W = W + self.evaluator.held.curvature(v.X, v.T, second, on_held)
+            if u and np.any(on_conditions):
+                W = W + self.evaluator.conditions.curvature(v.X, v.T, second, on_conditions)
         scaled = W * self.to_physical[:, None] * self.to_physical
         H[y, y] += self._flat.T @ (scaled @ self.moves).reshape(self.n * self.m, self.n_y)
         return H
@@ -364,7 +364,7 @@ class Evaluation:
         k = self.kinds
         slopes, gradients, bends = [np.full((self.n, k), -1.0)], [v.d_logarithms[:, :k]], [np.ones((self.n, k))]
         total = -float(np.sum(v.logarithms[:, :k]))
-        for phi, slope, bend, gradient in (self._distance_terms(v), *self._range_terms(v)):
+        for phi, slope, bend, gradient in (self._distance_terms(v), *self._range_terms(v), *self._condition_terms(v)):
             total += float(np.sum(phi))
             slopes.append(slope)
             gradients.append(gradient)
@@ -389,6 +389,17 @@ class Evaluation:
             left = sign * (v.bounded[:, of] - bound[of])
             phi, slope, bend = self._rise(left / width, self.barriers.share, 0.02 * self.barriers.share)
             terms.append((phi, sign * slope / width, bend / width**2, v.d_bounded[:, of]))
+        return terms
+
+    def _condition_terms(self, v: SampleValues) -> list[tuple[Array, Array, Array, Array]]:
+        """Treat how far the problem's conditions are inside their bounds like a distance, felt below 1."""
+        k, conditions = self.evaluator.n_barred, self.evaluator.conditions
+        terms = []
+        for sign, bound in ((1.0, conditions.lower[:k]), (-1.0, conditions.upper[:k])):
+            of = np.flatnonzero(np.isfinite(bound))
+            if of.size:
+                phi, slope, bend = self._rise(sign * (v.conditions[:, of] - bound[of]), 1.0, 0.02)
+                terms.append((phi, sign * slope, bend, v.d_conditions[:, of]))
         return terms
 
     def _barrier(self, d: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline
 
 from paraopt.errors import DefinitionError, SolveError
-from paraopt.kinematics import SolveOptions
+from paraopt.kinematics import MotionSpace, SolveOptions
 from paraopt.robot import Robot
 
 Array = NDArray[np.float64]
@@ -49,6 +49,7 @@ class Path:
         spline: The spline over [0, 1].
         anchors: Parameters at which the configuration is known, ascending from 0 to 1, shape (k,).
         anchor_X: Closed configurations there, on one branch, shape (k, n_variables).
+        held: Names of the variables that keep the values of the first anchor all along.
     """
 
     robot: Robot
@@ -56,10 +57,17 @@ class Path:
     spline: BSpline
     anchors: Array
     anchor_X: Array
+    held: Sequence[str] = ()
 
     @classmethod
     def along(
-        cls, robot: Robot, independent: Sequence[str], spline: BSpline, start: ArrayLike, count: int = 64
+        cls,
+        robot: Robot,
+        independent: Sequence[str],
+        spline: BSpline,
+        start: ArrayLike,
+        count: int = 64,
+        held: Sequence[str] = (),
     ) -> Path:
         """Build a path by following the spline from a closed configuration at s = 0.
 
@@ -69,6 +77,7 @@ class Path:
             spline: Their spline over [0, 1].
             start: Closed configuration at s = 0, shape (n_variables,).
             count: Number of anchors.
+            held: Names of the variables that stay as they are at the start.
 
         Returns:
             The path.
@@ -80,8 +89,9 @@ class Path:
         X = np.empty((count, len(robot.mechanism.names)))
         here = np.asarray(start, dtype=float)
         names = tuple(independent)
+        space = MotionSpace(robot.kinematics, names, held=held)
         for i, values in enumerate(np.asarray(spline(s)).reshape(count, -1)):
-            closed = robot.kinematics.solve_batch(names, values[None, :], here[None, :])
+            closed = space.solve(values[None, :], here[None, :])
             if not closed.converged[0]:
                 raise SolveError(
                     f"the closures of {robot.name!r} fail on the path at s = {s[i]:.3f} "
@@ -90,7 +100,7 @@ class Path:
                     values=values,
                 )
             X[i] = here = closed.X[0]
-        return cls(robot, names, spline, s, X)
+        return cls(robot, names, spline, s, X, tuple(held))
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         """Evaluate all variables, or their derivatives with respect to s.
@@ -120,7 +130,8 @@ class Path:
         """Solve the closures at n parameters; shape (n, n_variables)."""
         s = self._check(s)
         guess = self._guess(s)
-        closed = self.robot.kinematics.solve_batch(self.independent, self.spline(s), guess, SolveOptions(iterations=30))
+        guess[:, self._held_index] = self.anchor_X[0, self._held_index]  # exactly: no spline through constants
+        closed = self._space.solve(self.spline(s), guess, SolveOptions(iterations=30))
         if not np.all(closed.converged):
             i = int(np.argmin(closed.converged))
             raise SolveError(
@@ -134,9 +145,9 @@ class Path:
         """Evaluate values and both derivatives at n parameters."""
         s = self._check(s)
         X = self.solve(s)
-        T = self.robot.kinematics.tangent(X, self.independent)
+        T = self._space.tangent(X)
         dX = np.einsum("nvm,nm->nv", T, self.spline(s, 1))
-        curved = self.robot.kinematics.curvature(X, dX[:, :, None], dX[:, :, None], self.independent)[:, :, 0]
+        curved = self._space.curvature(X, dX[:, :, None], dX[:, :, None])[:, :, 0]
         ddX = np.einsum("nvm,nm->nv", T, self.spline(s, 2)) + curved
         return PathPoints(s, X, dX, ddX, T)
 
@@ -152,6 +163,14 @@ class Path:
         """
         values = self.spline(np.linspace(0.0, 1.0, count)) * np.asarray(metric)
         return float(np.sum(np.linalg.norm(np.diff(values, axis=0), axis=1)))
+
+    @cached_property
+    def _space(self) -> MotionSpace:
+        return MotionSpace(self.robot.kinematics, self.independent, held=self.held)
+
+    @cached_property
+    def _held_index(self) -> list[int]:
+        return self.robot.mechanism.indices(self.held)
 
     @cached_property
     def _guess(self) -> CubicSpline:

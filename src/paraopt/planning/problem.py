@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.errors import DefinitionError, InfeasibleError, SolveError
+from paraopt.errors import DefinitionError, InfeasibleError, SolveError, unknown_name
 from paraopt.kinematics import Configuration, Determinants, MotionSpace
+from paraopt.planning.condition import ConditionSet, PathBound, PathCondition, read_conditions
 from paraopt.robot import Limits, Robot
 from paraopt.scene import Scene
 
@@ -51,10 +52,17 @@ class Problem:
             described by the actuators instead of the operational variables, and only parallel singularities count.
         characteristic_length: What an angle of one radian counts in the metric [m]; that of the mechanism when None.
         turns: Full turns by which an angle without bounds may pass beyond start and goal.
+        coordinates: Names of the variables in which start, goal and path are stated, as many as the machine has degrees
+            of freedom while others are held; the operational variables when None. A serial singularity is where these
+            no longer determine the motion.
+        held: Names of the variables that are locked at their values at the start: joints with a brake, the feet on
+            which a legged machine stands. A start that is stated by values takes them from the robot's home.
+        conditions: What else must hold all along: bounds on expressions, or objects that compute their own quantities.
 
     Raises:
         DefinitionError: A value is not finite, or a name is missing or unknown; mode changes are allowed, but there are
-            not as many actuators as operational variables.
+            not as many actuators as operational variables; a variable is both held and a coordinate; a held variable
+            differs between start and goal.
     """
 
     scene: Scene
@@ -65,9 +73,18 @@ class Problem:
     allow_mode_change: bool = False
     characteristic_length: float | None = None
     turns: int = 1
+    coordinates: Sequence[str] | None = None
+    held: Sequence[str] = ()
+    conditions: Sequence[PathBound | PathCondition] = ()
 
     def __post_init__(self) -> None:
         mechanism = self.robot.mechanism
+        for name in ("coordinates", "held", "conditions"):
+            value = getattr(self, name)
+            if isinstance(value, str) or not (value is None or isinstance(value, Sequence)):
+                raise DefinitionError(f"{name} of the problem are {value!r}; they must be a sequence")
+            object.__setattr__(self, name, None if value is None else tuple(value))
+        self._check_names()
         if self.limits is not None:
             self.limits.check_fit(mechanism)
         length = self.characteristic_length
@@ -75,14 +92,24 @@ class Problem:
             raise DefinitionError(f"characteristic length of the metric is {length} m; it must be finite and above 0")
         if self.turns < 0:
             raise DefinitionError(f"number of full turns is {self.turns}; it must not be negative")
-        if self.allow_mode_change and len(mechanism.active) != len(mechanism.operational):
+        drives = [name for name in mechanism.active if name not in self.held]
+        if self.allow_mode_change and len(drives) != len(self.stated):
             raise DefinitionError(
-                f"{mechanism.name!r} has {len(mechanism.active)} actuators and {len(mechanism.operational)} "
-                "operational variables; a motion that changes the working mode is described by the actuators, so these "
-                "must be as many"
+                f"{mechanism.name!r} has {len(drives)} free actuators and {len(self.stated)} operational variables or "
+                "coordinates; a motion that changes the working mode is described by the actuators, so these must be "
+                "as many"
             )
         for label in ("start", "goal"):
             self._check_pose(label, getattr(self, label))
+        if self.held and isinstance(self.goal, Configuration):
+            index = mechanism.indices(self.held)
+            first, last = self.start_configuration.X[index], self.goal.X[index]
+            worst = int(np.argmax(np.abs(last - first)))
+            if abs(last[worst] - first[worst]) > 1e-9:
+                raise DefinitionError(
+                    f"{self.held[worst]!r} is held, but it is {first[worst]:.9g} at the start and {last[worst]:.9g} at "
+                    "the goal; they must agree to 1e-9"
+                )
 
     @property
     def robot(self) -> Robot:
@@ -95,13 +122,19 @@ class Problem:
         return self.robot.limits if self.limits is None else self.limits
 
     @property
+    def stated(self) -> tuple[str, ...]:
+        """Name the coordinates in which start and goal are stated."""
+        return tuple(self.robot.mechanism.operational if self.coordinates is None else self.coordinates)
+
+    @property
     def independent(self) -> tuple[str, ...]:
-        """Name the coordinates in which the path is described: the operational ones, or those of the actuators.
+        """Name the coordinates in which the path is described: those of start and goal, or those of the actuators.
 
         Away from parallel singularities the actuators determine the motion, at serial singularities too.
         """
-        mechanism = self.robot.mechanism
-        return tuple(mechanism.active if self.allow_mode_change else mechanism.operational)
+        if self.allow_mode_change:
+            return tuple(name for name in self.robot.mechanism.active if name not in self.held)
+        return self.stated
 
     @cached_property
     def index(self) -> NDArray[np.intp]:
@@ -133,7 +166,12 @@ class Problem:
     @cached_property
     def space(self) -> MotionSpace:
         """Give the judge of singularities in the independent coordinates."""
-        return MotionSpace(self.robot.kinematics, self.independent)
+        return MotionSpace(self.robot.kinematics, self.independent, self.stated, self.held)
+
+    @cached_property
+    def condition_set(self) -> ConditionSet:
+        """Give the evaluator of the conditions."""
+        return read_conditions(self.robot.kinematics.graph, tuple(self.conditions))
 
     @cached_property
     def start_configuration(self) -> Configuration:
@@ -163,7 +201,7 @@ class Problem:
     @cached_property
     def determinants(self) -> Determinants:
         """Give the signed determinants, on rows chosen at the start."""
-        return Determinants.at(self.robot.kinematics, self.start_configuration)
+        return Determinants.at(self.robot.kinematics, self.start_configuration, self.stated, self.held)
 
     def goal_values(self) -> Array:
         """Give the goal in the independent coordinates, periodic angles brought within half a turn of the start."""
@@ -191,12 +229,12 @@ class Problem:
                     f"{label} is a configuration of another mechanism, {pose.mechanism.name!r}", configuration=pose
                 )
             return
-        missing = [n for n in mechanism.operational if n not in pose]
-        unknown = [n for n in pose if n not in mechanism.operational]
+        missing = [n for n in self.stated if n not in pose]
+        unknown = [n for n in pose if n not in self.stated]
         if missing or unknown:
+            kind = "operational" if self.coordinates is None else "among them"
             raise DefinitionError(
-                f"{label} must state {list(mechanism.operational)}; missing {missing}, not operational {unknown}",
-                pose=dict(pose),
+                f"{label} must state {list(self.stated)}; missing {missing}, not {kind} {unknown}", pose=dict(pose)
             )
         for name, value in pose.items():
             if not (isinstance(value, (int, float, np.floating, np.integer)) and np.isfinite(value)):
@@ -204,24 +242,41 @@ class Problem:
                     f"{label} value of {name!r} is {value!r}; it must be a finite number", pose=dict(pose)
                 )
 
+    def _check_names(self) -> None:
+        """Refuse coordinates and held variables that do not exist, or contradict each other."""
+        mechanism = self.robot.mechanism
+        for what, names in (("coordinate", self.coordinates or ()), ("held variable", self.held)):
+            for name in names:
+                if name not in mechanism.names:
+                    raise unknown_name(f"{what} of the problem", name, mechanism.names)
+            if doubled := sorted({n for n in names if names.count(n) > 1}):
+                raise DefinitionError(f"{what} {doubled[0]!r} appears twice; name it once")
+        if self.coordinates is not None and not self.coordinates:
+            raise DefinitionError("coordinates of the problem are empty; name at least one, or None")
+        if both := [name for name in self.held if name in self.stated]:
+            raise DefinitionError(
+                f"{both[0]!r} is held, but start and goal are stated in it; name as coordinates only what moves"
+            )
+
     def _solve(self, label: str, pose: Mapping[str, float], origin: Configuration) -> Configuration:
         """Walk from a known configuration to a pose in small steps, so that the branch is kept."""
         mechanism, kinematics = self.robot.mechanism, self.robot.kinematics
-        names = list(mechanism.operational)
-        first, last = origin.operational, np.array([float(pose[n]) for n in names])
-        scale = kinematics.graph.variable_scale[mechanism.indices(names)]
+        names, index, held = list(self.stated), mechanism.indices(self.stated), mechanism.indices(self.held)
+        first, last = origin.X[index], np.array([float(pose[n]) for n in names])
+        scale = kinematics.graph.variable_scale[index]
         steps = max(1, int(np.ceil(np.max(np.abs(last - first) / scale) / 0.25)))
         X = origin.X[None, :]
         for t in np.linspace(0.0, 1.0, steps + 1)[1:]:
-            closed = kinematics.solve_batch(names, (first + t * (last - first))[None, :], X)
+            closed = kinematics.solve_batch(names, (first + t * (last - first))[None, :], X, held=self.held)
             if not closed.converged[0]:
                 break
             X = closed.X
         else:
             return kinematics.configuration(X[0])
         # the straight walk left the reachable space: try the pose itself, then tell how near one can get
-        solution = kinematics.inverse(dict(zip(names, last.tolist(), strict=True)), start=origin)
-        if np.all(solution.X[mechanism.indices(names)] == last) and solution.residual <= 1e-10:
+        wanted = {**dict(zip(names, last.tolist(), strict=True)), **dict(zip(self.held, origin.X[held], strict=True))}
+        solution = kinematics.solve(wanted, start=origin)
+        if np.all(solution.X[index] == last) and solution.residual <= 1e-10:
             return solution.configuration
         raise InfeasibleError(f"{label} is out of reach: {solution.summary}", solution=solution, pose=dict(pose))
 
@@ -244,6 +299,8 @@ class Problem:
             return bool(np.any((signs != wanted) & ~np.isnan(wanted)))
 
         if is_inside(same.X) and not (self.allow_mode_change and is_apart(same.X)):
+            return same
+        if self.held or self.coordinates is not None:  # working modes are those of the operational variables
             return same
         try:
             others = [c for c in self.robot.kinematics.working_modes(pose, same) if is_inside(c.X)]

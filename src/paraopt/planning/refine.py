@@ -208,7 +208,7 @@ class _State:
         """Add samples where something falls short, and a knot where that is more than a sag between samples."""
         knots, samples = nlp.knots, nlp.samples
         horizon = nlp.evaluation.barriers.horizon
-        sag = {"clearance": 0.02 * horizon, "singularity": 0.005, "range": 0.005, "held": 0.02}
+        sag = {"clearance": 0.02 * horizon, "singularity": 0.005, "range": 0.005, "condition": 0.02}
         coarse = violation.places(**sag)
         places = violation.places()
         edges = np.unique(knots)
@@ -241,9 +241,9 @@ def _follow(nlp: Nlp, x: Array) -> Path:
     if not values.converged:
         raise RefineError("the closures fail on the refined path", spline=spline)
     X = np.vstack([problem.start_configuration.X, values.X, _solve_goal(problem, values.X[-1], spline(1.0))])
-    return Path(problem.robot, problem.independent, spline, nlp.samples, X)
+    return Path(problem.robot, problem.independent, spline, nlp.samples, X, problem.held)
 
 
 def _solve_goal(problem: Problem, near: Array, values: Array) -> Array:
     """Solve the goal from the last sample, so that angles stay unwrapped along the path."""
-    return problem.robot.kinematics.solve_batch(problem.independent, values[None, :], near[None, :]).X[0]
+    return problem.space.solve(values[None, :], near[None, :]).X[0]

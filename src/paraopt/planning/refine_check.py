@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from paraopt.planning.condition import PathBound, PathCondition, read_conditions
 from paraopt.planning.nlp import Slack
-from paraopt.planning.nlp_constraint import PathBound, read_constraints
 from paraopt.planning.path import Path
 from paraopt.planning.problem import Problem
 
@@ -22,7 +22,7 @@ class Violation:
 
     Attributes:
         s: Parameters that were looked at, ascending, shape (n,).
-        shortages: By quantity ("clearance" [m], "singularity" [1], "range" [scaled], "held" [scaled]), shape (n,) each.
+        shortages: By quantity ("clearance" [m], "singularity" [1], "range" and "condition" [scaled]), shape (n,) each.
         pairs: Pairs of bodies that are too close somewhere.
         summary: All of it in a sentence.
     """
@@ -61,7 +61,7 @@ class Violation:
             new: Parameters of the samples from now on, ends included, which hold the old ones.
         """
         tightened = {}
-        for name, tiny in (("clearance", 1e-7), ("singularity", 1e-7), ("range", 1e-9), ("held", 1e-7)):
+        for name, tiny in (("clearance", 1e-7), ("singularity", 1e-7), ("range", 1e-9), ("condition", 1e-7)):
             before = np.broadcast_to(getattr(slack, name), len(old) - 2)
             added = np.interp(new[1:-1], old[1:-1], before) if len(old) > 2 else np.zeros(len(new) - 2)
             short = np.minimum(self.shortages[name], most.get(name, np.inf))
@@ -76,7 +76,11 @@ class Violation:
 
 
 def check_densely(
-    problem: Problem, path: Path, count: int, constraints: Sequence[PathBound] = (), tolerance: float = 1e-9
+    problem: Problem,
+    path: Path,
+    count: int,
+    constraints: Sequence[PathBound | PathCondition] = (),
+    tolerance: float = 1e-9,
 ) -> Violation | None:
     """Look for violations at many points of a path.
 
@@ -99,7 +103,7 @@ def check_configurations(
     problem: Problem,
     X: Array,
     s: Array,
-    constraints: Sequence[PathBound] = (),
+    constraints: Sequence[PathBound | PathCondition] = (),
     tolerance: float = 1e-9,
     path: Path | None = None,
 ) -> Violation | None:
@@ -122,9 +126,9 @@ def check_configurations(
     margins = problem.space.margins(X)
     smallest = margins.parallel if problem.allow_mode_change else np.minimum(margins.parallel, margins.serial)
     short = problem.margins.singularity - smallest
-    held = read_constraints(problem.robot.kinematics.graph, tuple(constraints))
-    values = held.values(X)
-    off = np.max(np.maximum(held.lower - values, values - held.upper), axis=1, initial=0.0) if len(held) else 0.0 * s
+    conditions = read_conditions(problem.robot.kinematics.graph, (*problem.conditions, *constraints))
+    excess = -conditions.levels(X)
+    off = np.max(excess, axis=1, initial=0.0)
     off = np.where(off > tolerance, off, 0.0)
     seen, distance, pair = (s, *problem.scene.clearances(X)) if path is None else look_for_closest(problem, path, s, X)
     near = problem.margins.clearance - distance
@@ -137,10 +141,11 @@ def check_configurations(
         f"singularity margin short by {max(short.max(), 0):.2g}",
         f"clearance short by {1e3 * max(near.max(), 0):.3g} mm{f' ({named})' if named else ''}",
     ]
-    if len(held):
-        worst = np.max(np.maximum(held.lower - values, values - held.upper), axis=0)
-        tell += [f"{c.name} off by {w * c.scale:.3g}" for c, w in zip(held.constraints, worst, strict=True) if w > 0]
-    first = {"range": beyond, "singularity": np.maximum(short, 0.0), "held": off}
+    worst = np.max(excess, axis=0)
+    tell += [
+        f"{n} off by {w * c:.3g}" for n, c, w in zip(conditions.names, conditions.scales, worst, strict=True) if w > 0
+    ]
+    first = {"range": beyond, "singularity": np.maximum(short, 0.0), "condition": off}
     where = np.searchsorted(seen, s)
     shortages = {name: np.zeros(len(seen)) for name in first}
     for name, values_ in first.items():

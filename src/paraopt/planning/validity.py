@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from paraopt.errors import DefinitionError, InfeasibleError
 from paraopt.kinematics import Configuration, SolveOptions, report_state
 from paraopt.kinematics import Margins as SingularityMargins
+from paraopt.kinematics.ranks import compute_rank
 from paraopt.planning.problem import Problem
 
 Array = NDArray[np.float64]
@@ -26,7 +27,8 @@ class Verdict:
         valid: Whether each pose may be used, shape (n,).
         X: Values of all variables at each pose, shape (n, n_variables).
         T: Motions `dX / d independent` where valid, else zero; shape (n, n_variables, m).
-        reasons: "valid", or what is wrong first: "closure", "limit of ...", "branch", "singularity", "collision ...".
+        reasons: "valid", or what is wrong first: "closure", "limit of ...", "condition ...",
+            "branch", "singularity", "collision ...".
     """
 
     valid: NDArray[np.bool_]
@@ -57,6 +59,7 @@ class Validity:
         self._names = problem.robot.mechanism.names
         self._scale = problem.robot.kinematics.graph.variable_scale
         self._options = SolveOptions(iterations=25)
+        self.conditions = problem.condition_set
 
     @cached_property
     def signs(self) -> tuple[float, float]:
@@ -68,7 +71,8 @@ class Validity:
     def level_names(self) -> tuple[str, ...]:
         """Name the quantities of `levels` as `judge` names what is wrong."""
         ranges = [f"limit of {self._names[i]}" for i in self._bounded]
-        return (*ranges, "singularity", "singularity", *(["collision between positions"] if self._near else []))
+        near = ["collision between positions"] if self._near else []
+        return (*ranges, "singularity", "singularity", *self.conditions.names, *near)
 
     def levels(self, X: Array, T: Array) -> Array:
         """Measure how far n closed configurations are from their bounds, each in the quantity's own unit.
@@ -84,6 +88,8 @@ class Validity:
         inside = np.minimum(X - self._low, self._high - X)[:, self._bounded] / self._scale[self._bounded]
         margins = problem.space.margins(X, T)
         columns = [inside, np.column_stack([margins.parallel, self._serial(margins)]) - problem.margins.singularity]
+        if len(self.conditions):
+            columns.append(self.conditions.levels(X))
         if self._near:
             columns.append(problem.scene.clearances(X)[0][:, None] - problem.margins.clearance)
         return np.hstack(columns)
@@ -107,7 +113,7 @@ class Validity:
             The verdict.
         """
         predicted = starts + np.einsum("nvm,nm->nv", tangents, values - starts[:, self._independent])
-        closed = self.problem.robot.kinematics.solve_batch(self.problem.independent, values, predicted, self._options)
+        closed = self.problem.space.solve(values, predicted, self._options)
         n = len(closed.X)
         self.checks += n
         reasons = np.full(n, VALID, dtype=object)
@@ -127,6 +133,12 @@ class Validity:
         worst = np.argmax(excess, axis=1)
         for i in np.flatnonzero((reasons == VALID) & (np.max(excess, axis=1) > 1e-9)):
             reasons[i] = f"limit of {self._names[worst[i]]}"
+        if len(self.conditions) and (left := np.flatnonzero(reasons == VALID)).size:
+            levels = self.conditions.levels(X[left])
+            lowest = np.argmin(np.where(np.isnan(levels), -np.inf, levels), axis=1)
+            for i, k, level in zip(left, lowest, levels, strict=True):
+                if not level[k] >= -1e-9:
+                    reasons[i] = f"condition {self.conditions.names[k]}"
         if self._near and (left := np.flatnonzero(reasons == VALID)).size:
             for i, pair in zip(left, problem.scene.too_close(X[left], problem.margins.clearance), strict=True):
                 if pair >= 0:
@@ -157,14 +169,16 @@ def check_ends(problem: Problem, validity: Validity) -> None:
             configuration, the reason, the determinants of [N K] and [M N] at both ends, and where the straight motion
             meets the singularity that parts them.
     """
-    report = report_state(problem.robot.kinematics, problem.start_configuration)
-    if report.useful_mobility != len(problem.independent):
+    mobility = _count_freedoms(problem)
+    if mobility != len(problem.independent):
         role = "actuators" if problem.allow_mode_change else "operational variables"
+        role = role if problem.coordinates is None else "coordinates"
+        held = f" with {len(problem.held)} variables held" if problem.held else ""
         raise DefinitionError(
-            f"{problem.robot.name!r} has {report.useful_mobility} useful degrees of freedom at the start, but "
+            f"{problem.robot.name!r} has {mobility} useful degrees of freedom at the start{held}, but "
             f"{len(problem.independent)} {role} {list(problem.independent)}: a path in these does not "
             f"determine the motion; name as many {role} as there are degrees of freedom",
-            report=report,
+            mobility=mobility,
         )
     for label, configuration in (
         ("start", problem.start_configuration),
@@ -188,6 +202,21 @@ def check_ends(problem: Problem, validity: Validity) -> None:
         _check_same_branch(problem, problem.goal)
 
 
+def _count_freedoms(problem: Problem) -> int:
+    """Count the motions at the start that change more than idle variables, while others are held."""
+    kinematics, mechanism = problem.robot.kinematics, problem.robot.mechanism
+    report = report_state(kinematics, problem.start_configuration)
+    if not problem.held:
+        return report.useful_mobility
+    (E,) = kinematics.functions.scaled_jacobian(problem.start_configuration.X)
+    free = [i for i, name in enumerate(mechanism.names) if name not in problem.held]
+    alone = [i for i in free if mechanism.variables[i].role == "passive"]
+    mobility, internal = (
+        len(columns) - compute_rank(E[:, columns], whole=E).value if columns else 0 for columns in (free, alone)
+    )
+    return mobility - min(internal, report.internal_mobility)
+
+
 def find_crossing(problem: Problem, count: int = 200) -> float | None:
     """Find where the straight motion from start to goal first changes the sign of a determinant that must keep it.
 
@@ -198,7 +227,6 @@ def find_crossing(problem: Problem, count: int = 200) -> float | None:
     Returns:
         The share of the way, or None where no change is met before the closures fail.
     """
-    kinematics, names = problem.robot.kinematics, problem.independent
     X = problem.start_configuration.X[None, :]
     first, last = X[0, problem.index].copy(), problem.goal_values()
     kept = 1 if problem.allow_mode_change else 2
@@ -206,7 +234,7 @@ def find_crossing(problem: Problem, count: int = 200) -> float | None:
     def step(X: Array, t: float) -> tuple[Array, bool]:
         values = (first + t * (last - first))[None, :]
         predicted = X + np.einsum("nvm,nm->nv", problem.space.tangent(X), values - X[:, problem.index])
-        closed = kinematics.solve_batch(names, values, predicted)
+        closed = problem.space.solve(values, predicted)
         return closed.X, bool(closed.converged[0])
 
     def signs(X: Array) -> Array:
@@ -239,7 +267,7 @@ def _check_same_branch(problem: Problem, goal: Configuration) -> None:
     Determinants of equal signs do not prove that two solutions lie on one branch; a regular walk that arrives elsewhere
     proves that they do not. Where the walk meets a singularity nothing is concluded here.
     """
-    kinematics, names, index = problem.robot.kinematics, problem.independent, problem.index
+    index = problem.index
     X = problem.start_configuration.X[None, :]
     first, last = X[0, index].copy(), problem.goal_values()
     steps = max(8, int(np.ceil(np.max(np.abs(last - first) * problem.metric) / (0.1 * problem.robot.mechanism.length))))
@@ -247,7 +275,7 @@ def _check_same_branch(problem: Problem, goal: Configuration) -> None:
         values = first + t * (last - first)
         T = problem.space.tangent(X)
         predicted = X + np.einsum("nvm,nm->nv", T, values - X[:, index])
-        closed = kinematics.solve_batch(names, values[None, :], predicted)
+        closed = problem.space.solve(values[None, :], predicted)
         if not closed.converged[0]:
             return
         margins = problem.space.margins(closed.X)
@@ -294,6 +322,12 @@ def _explain(problem: Problem, X: Array, reason: str) -> str:
             f"is in collision or too close: {problem.scene.pairs[pair[0]].name} at {1e3 * distance[0]:.2f} mm, "
             f"the clearance margin is {1e3 * problem.margins.clearance:.2f} mm; move the obstacle or the pose"
         )
+    if reason.startswith("condition "):
+        conditions = problem.condition_set
+        k = conditions.names.index(reason.removeprefix("condition "))
+        scale = conditions.scales[k]
+        value, low, high = conditions.values(X)[0, k] * scale, conditions.lower[k] * scale, conditions.upper[k] * scale
+        return f"breaks the condition {conditions.names[k]!r}: {value:.6g} is not in [{low:.6g}, {high:.6g}]"
     if reason == "singularity":
         margins = problem.space.margins(X)
         serial = "" if problem.allow_mode_change else f", serial margin {margins.serial[0]:.4f}"

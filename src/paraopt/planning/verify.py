@@ -29,6 +29,7 @@ class Tolerances:
         range: Distance by which a range may be exceeded, scaled [1].
         clearance: Distance by which the clearance margin may be missed [m].
         singularity: Amount by which the singularity margin may be missed [1].
+        condition: Amount by which a condition may be missed, over its scale [1].
         derivative: Largest disagreement between stated and measured velocities and accelerations, as a share of their
             largest value [1].
         slip: Largest rate at which the stated velocities open the loops, as a share of the largest velocity [1].
@@ -41,6 +42,7 @@ class Tolerances:
     range: float = 1e-9
     clearance: float = 1e-9
     singularity: float = 1e-9
+    condition: float = 1e-6
     derivative: float = 1e-2
     slip: float = 1e-6
     rest: float = 1e-6
@@ -186,6 +188,8 @@ def verify(
     _check_derivatives(ledger, problem, trajectory, X, V, A, tolerances)
     if check_jerk:
         _check_limit(ledger, problem, "jerk", None, [A, V, X], tolerances.excess)
+    _check_held(ledger, problem, X)
+    _check_conditions(ledger, problem, X, tolerances)
     clearance, margins = _check_space(ledger, problem, X, tolerances)
     return Certificate(tuple(ledger.checks), n, float(t[1]), t, clearance, margins.parallel, margins.serial)
 
@@ -251,7 +255,7 @@ def _check_ends(ledger: _Ledger, problem: Problem, X: Array, tolerances: Toleran
         judged = [
             k
             for k, v in enumerate(mechanism.variables)
-            if (whole or v.role == "operational") and v.name not in kinematics.idle
+            if (whole or v.name in problem.stated) and v.name not in kinematics.idle
         ]
         ledger.largest(label, gap[None, judged], tolerances.ends, "1", [mechanism.names[k] for k in judged], at=i)
 
@@ -272,6 +276,31 @@ def _check_range(ledger: _Ledger, problem: Problem, X: Array, tolerances: Tolera
     beyond = np.maximum(low - X, X - high) / problem.robot.kinematics.graph.variable_scale
     names = problem.robot.mechanism.names
     ledger.largest("range exceeded", np.maximum(beyond, 0.0), tolerances.range, "1", names)
+
+
+def _check_held(ledger: _Ledger, problem: Problem, X: Array) -> None:
+    """Check that locked variables stay at their values at the start, in characteristic lengths or radians."""
+    if problem.held:
+        index = problem.robot.mechanism.indices(problem.held)
+        scale = problem.robot.kinematics.graph.variable_scale[index]
+        drift = np.abs(X[:, index] - problem.start_configuration.X[index]) / scale
+        ledger.largest("held variables move", drift, 1e-9, "1", problem.held)
+
+
+def _check_conditions(ledger: _Ledger, problem: Problem, X: Array, tolerances: Tolerances) -> None:
+    """Check the problem's conditions, each in its own unit."""
+    conditions = problem.condition_set
+    if not len(conditions):
+        return
+    finite = np.all(np.isfinite(X), axis=1)
+    values = conditions.values(np.where(finite[:, None], X, problem.start_configuration.X))
+    values = np.where(finite[:, None], values, np.nan)
+    for k, (name, scale) in enumerate(zip(conditions.names, conditions.scales, strict=True)):
+        low, high, allowance = (v * scale for v in (conditions.lower[k], conditions.upper[k], tolerances.condition))
+        if np.isfinite(low):
+            ledger.smallest(name, values[:, k] * scale, float(low), "", float(allowance))
+        if np.isfinite(high):
+            ledger.largest(name, values[:, k] * scale, float(high + allowance), "")
 
 
 def _check_limit(

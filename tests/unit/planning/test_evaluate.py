@@ -83,10 +83,10 @@ def test_own_quantities_and_second_derivatives_are_exact() -> None:
     result = evaluator(values)
     names = problem.robot.mechanism.names
     expected = result.X[:, names.index("rho1")] ** 2 + result.X[:, names.index("phi2")]
-    np.testing.assert_allclose(result.held[:, 1], expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(result.conditions[:, 1], expected, rtol=0, atol=1e-12)
     second = evaluator.second(result.X, result.T)
     weights = np.array([[0.7, -0.4], [0.2, 1.1]])
-    bent = evaluator.held.curvature(result.X, result.T, second, weights)
+    bent = evaluator.conditions.curvature(result.X, result.T, second, weights)
     margins = evaluator.bend_margins(result.X, result.T, weights)
     for i in range(len(values)):
 
@@ -95,10 +95,12 @@ def test_own_quantities_and_second_derivatives_are_exact() -> None:
             moved[i] = point
             return evaluator(moved)
 
-        assert_derivative(result.d_held[i], lambda p, at=at, i=i: at(p).held[i], values[i], step=1e-3, tolerance=1e-7)
+        assert_derivative(
+            result.d_conditions[i], lambda p, at=at, i=i: at(p).conditions[i], values[i], step=1e-3, tolerance=1e-7
+        )
         # second derivatives against first ones: every variable, the own quantities, the margins
         assert_derivative(second[i], lambda p, at=at, i=i: at(p).T[i], values[i], step=1e-3, tolerance=1e-6)
-        for matrix, name in ((bent[i], "d_held"), (margins[i], "d_margins")):
+        for matrix, name in ((bent[i], "d_conditions"), (margins[i], "d_margins")):
             slope = lambda p, at=at, i=i, name=name: weights[i] @ getattr(at(p), name)[i]  # noqa: E731
             assert_derivative(matrix, slope, values[i], step=1e-3, tolerance=1e-5)
 
