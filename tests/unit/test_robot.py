@@ -111,6 +111,11 @@ def test_limits_apart_from_the_range_of_the_joint_are_refused() -> None:
 # --- Robot
 
 
+def rope(**changes: Any) -> po.Cable:
+    given = {"link_A": "base", "point_A": (0, 0), "link_B": "tip", "point_B": (0, 0), "radius": 0.01, "name": "rope"}
+    return po.Cable(**given | changes)
+
+
 FAULTS: dict[str, tuple[Callable[[], Any], type[Exception], list[str]]] = {
     "shape on an unknown link": (
         lambda: build(shapes={"rod 3": [BALL]}),
@@ -127,6 +132,23 @@ FAULTS: dict[str, tuple[Callable[[], Any], type[Exception], list[str]]] = {
         po.DefinitionError,
         ["'rod 1'", "twice"],
     ),
+    "cable to an unknown link": (
+        lambda: build(cables=[rope(link_B="tipp")]),
+        po.UnknownNameError,
+        ["cable 'rope'", "'tipp'", "did you mean", "'tip'"],
+    ),
+    "two cables of one name": (
+        lambda: build(cables=[rope(), rope(point_A=(1, 0))]),
+        po.DefinitionError,
+        ["'rope'", "a name of its own", "'2-RPR'"],
+    ),
+    "a cable with the name of a solid": (
+        lambda: build(shapes={"tip": [dataclasses.replace(BALL, name="rope")]}, cables=[rope()]),
+        po.DefinitionError,
+        ["'rope'", "another solid or cable"],
+    ),
+    "cables that are none": (lambda: build(cables=["rope"]), po.DefinitionError, ["'rope'", "must be a Cable"]),
+    "one cable without a list": (lambda: build(cables=rope()), po.DefinitionError, ["must be a list of Cable"]),
     "mass of an unknown link": (
         lambda: build(masses={"rod 3": 1.0}),
         po.UnknownNameError,
@@ -171,6 +193,15 @@ def test_shapes_take_the_name_of_their_link() -> None:
         "rod 1": ["rod 1 1", "rod 1 2"],
         "rod 2": ["club"],
     }
+
+
+def test_a_robot_carries_its_cables() -> None:
+    given = [rope(), rope(name="other", point_B=(0.1, 0))]
+    robot = build(cables=given)
+    given.clear()
+    assert [c.name for c in robot.cables] == ["rope", "other"]
+    assert robot.cables[0].point_A == (0.0, 0.0, 0.0)
+    assert build().cables == ()
 
 
 def test_a_robot_is_frozen_and_copies_what_it_is_given() -> None:

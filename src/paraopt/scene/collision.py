@@ -1,7 +1,7 @@
 """Distances between placed bodies, with witness points and normals, for batches of link poses.
 
 The conventions are those of the room, see `paraopt.scene`. Most pairs are measured by coal; those that it measures
-wrongly, and cables against polyhedra, by formula.
+wrongly, and cables against all but cylinders and cones, by formula.
 """
 
 from __future__ import annotations
@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from paraopt.errors import BackendError, DefinitionError
 from paraopt.scene.bounds import enclose, segment_distance
 from paraopt.scene.cable import shorten_segments
-from paraopt.scene.exact import measure_point_and_cylinder, part_cores, pose_segments
+from paraopt.scene.exact import (
+    measure_cores,
+    measure_point_and_cylinder,
+    measure_segments_and_planes,
+    part_cores,
+    pose_segments,
+)
 from paraopt.scene.geometry import Cell, list_cells
 from paraopt.scene.pairs import WORLD, Body, Pair
 from paraopt.scene.segments import measure_segments, stack_hulls
@@ -128,16 +134,20 @@ class CollisionModel:
         kinds = [{type(cells[i].shape), type(cells[j].shape)} for i, j, _ in elements]
         # coal 3.0.3 gives wrong depths for a sphere whose centre is inside a cylinder
         self._by_formula = np.array([kind == {Sphere, Cylinder} for kind in kinds], dtype=bool)
-        self._of_cable = np.array([Cable in kind for kind in kinds], dtype=bool)
+        of_cable = np.array([Cable in kind for kind in kinds], dtype=bool)
+        self._by_cores = of_cable & np.array([kind <= {Cable, Capsule, Sphere} for kind in kinds], dtype=bool)
+        self._by_plane = of_cable & np.array([HalfSpace in kind for kind in kinds], dtype=bool)
         polyhedral = np.array([c.is_polyhedral for c in cells], dtype=bool)
-        self._by_segment = self._of_cable & polyhedral[self._element_cells].any(axis=0)
+        self._by_segment = of_cable & polyhedral[self._element_cells].any(axis=0)
         # the hulls that cables meet, and where each cell's stands among them
         used = np.unique(self._element_cells[:, self._by_segment])
         hulls = [int(k) for k in used if polyhedral[k]]
         self._hull_of_cell = np.full(len(cells), -1)
         self._hull_of_cell[hulls] = np.arange(len(hulls))
         self._hulls = stack_hulls([cells[k].build_hull() for k in hulls]) if hulls else None
-        self._special = self._by_formula | self._of_cable
+        self._special = self._by_formula | self._by_cores | self._by_plane | self._by_segment
+        # cables against cylinders and cones: coal measures capsules that are stretched to the cable's length
+        self._stretched = of_cable & ~self._special
         self._is_ball = np.array([isinstance(c.shape, Sphere) for c in cells], dtype=bool)
         sizes = [(getattr(c.shape, "radius", np.nan), getattr(c.shape, "length", np.nan)) for c in cells]
         self._radius, self._length = np.array(sizes, dtype=float).reshape(-1, 2).T
@@ -252,21 +262,22 @@ class CollisionModel:
         k = len(samples)
         distances, points, normals = np.empty(k), np.empty((k, 2, 3)), np.empty((k, 3))
         special = self._special[elements]
-        if special.any():
-            formula, segment = self._by_formula[elements], self._by_segment[elements]
-            for rows, act in ((formula, self._measure_balls), (segment, self._measure_cables)):
-                if rows.any():
-                    distances[rows], points[rows], normals[rows] = act(placed, samples[rows], elements[rows])
-            for row in np.flatnonzero(special & ~formula & ~segment):
-                self._stretch(placed, int(samples[row]), int(elements[row]))
-                one = slice(row, row + 1)
-                self._ask_coal(placed, samples[one], elements[one], distances[one], points[one], normals[one])
-            rest = np.flatnonzero(~special)
-            found = np.empty(len(rest)), np.empty((len(rest), 2, 3)), np.empty((len(rest), 3))
-            self._ask_coal(placed, samples[rest], elements[rest], *found)
-            distances[rest], points[rest], normals[rest] = found
-        else:
+        if not special.any():
             self._ask_coal(placed, samples, elements, distances, points, normals)
+            return distances, points, normals
+        for chosen, act in (
+            (self._by_formula, self._measure_balls),
+            (self._by_segment, self._measure_cables),
+            (self._by_cores, self._measure_cores),
+            (self._by_plane, self._measure_planes),
+        ):
+            rows = chosen[elements]
+            if rows.any():
+                distances[rows], points[rows], normals[rows] = act(placed, samples[rows], elements[rows])
+        rest = np.flatnonzero(~special)
+        found = np.empty(len(rest)), np.empty((len(rest), 2, 3)), np.empty((len(rest), 3))
+        self._ask_coal(placed, samples[rest], elements[rest], *found)
+        distances[rest], points[rest], normals[rest] = found
         return distances, points, normals
 
     def _ask_coal(
@@ -279,10 +290,13 @@ class CollisionModel:
         R_A, p_A, R_B, p_B = X_A[:, :3, :3], X_A[:, :3, 3], X_B[:, :3, :3], X_B[:, :3, 3]
         measures, request = self._measure, self._request
         element = -1
+        stretched = self._stretched[elements] if self._stretched.any() else None
         try:
             for i, element in enumerate(elements.tolist()):
                 A.setTransform(R_A[i], p_A[i])
                 B.setTransform(R_B[i], p_B[i])
+                if stretched is not None and stretched[i]:
+                    self._stretch(placed, int(samples[i]), element)
                 result.clear()
                 distance = measures[element](A, B, request, result)
                 if abs(distance) > _ABSURD:
@@ -354,6 +368,33 @@ class CollisionModel:
         points[cable_first] = points[cable_first, ::-1]
         normal[cable_first] *= -1.0
         return distance - radius, points, normal
+
+    def _find_cores(self, placed: Placement, samples: Indices, cells: Indices, bodies: Indices) -> Array:
+        """Give the ends of the cores of balls, capsules and cables in the world [m], shape (k, 2, 3)."""
+        half = np.where(self._is_ball[cells], 0.0, 0.5 * np.nan_to_num(self._length[cells]))
+        X = placed.poses[samples, bodies]
+        reach = half[:, None] * X[:, :3, 2]
+        cores = np.stack([X[:, :3, 3] - reach, X[:, :3, 3] + reach], axis=1)
+        cable = np.flatnonzero(bodies >= self._n_solids)
+        cores[cable] = placed.ends[samples[cable], bodies[cable] - self._n_solids]
+        return cores
+
+    def _measure_cores(self, placed: Placement, samples: Indices, elements: Indices) -> Measured:
+        """Measure cables against balls, capsules and each other: segments, each with a radius."""
+        cells, bodies = self._element_cells[:, elements], self._element_bodies[:, elements]
+        P, Q = (self._find_cores(placed, samples, cells[side], bodies[side]) for side in range(2))
+        return measure_cores(P, Q, self._radius[cells].T)
+
+    def _measure_planes(self, placed: Placement, samples: Indices, elements: Indices) -> Measured:
+        """Measure cables above half-spaces: the lower end counts."""
+        bodies = self._element_bodies[:, elements]
+        cable_first = bodies[0] >= self._n_solids
+        cable = np.where(cable_first, bodies[0], bodies[1])
+        X = placed.poses[samples, np.where(cable_first, bodies[1], bodies[0])]
+        found = measure_segments_and_planes(placed.ends[samples, cable - self._n_solids], X, self._radii[cable])
+        found[1][cable_first] = found[1][cable_first, ::-1]
+        found[2][cable_first] *= -1.0
+        return found
 
     def smallest(self, placed: Placement, among: Indices | None = None) -> tuple[Array, Indices]:
         """Find the smallest distance over pairs at every sample, and the pair that has it.

@@ -1,9 +1,11 @@
-"""Distances by formula where coal's own routine is wrong."""
+"""Distances by formula: where coal's own routine is wrong, and where segments with a radius meet in whole batches."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from paraopt.scene.segments import nearest_of_segments
 
 Array = NDArray[np.float64]
 
@@ -83,3 +85,53 @@ def part_cores(points: Array, normals: Array, radii: Array, axes: Array) -> None
     one[~np.any(one != 0.0, axis=1)] = (0.0, 0.0, 1.0)
     normals[:] = np.where(size > 1e-9, across / np.maximum(size, 1e-300), find_perpendicular(one))
     points[:] = middle[:, None] + np.stack([radii[:, :1] * normals, -radii[:, 1:] * normals], axis=1)
+
+
+def measure_cores(P: Array, Q: Array, radii: Array, met: float = 1e-12) -> tuple[Array, Array, Array]:
+    """Measure segments with a radius (cables, capsules, balls) from each other.
+
+    Args:
+        P: Ends of the first segments [m], shape (k, 2, 3).
+        Q: Ends of the second segments [m], shape (k, 2, 3).
+        radii: Radii of both [m], shape (k, 2).
+        met: Distance of the segments up to which they cross and the normal is one across both [m].
+
+    Returns:
+        Signed distances [m], shape (k,); nearest points of the surfaces [m], shape (k, 2, 3); unit normals from the
+        first to the second, shape (k, 3).
+    """
+    u, v = P[:, 1] - P[:, 0], Q[:, 1] - Q[:, 0]
+    one, other = nearest_of_segments(P[:, 0], u, Q[:, 0], v)
+    gap = other - one
+    distance = np.linalg.norm(gap, axis=1)
+    apart = (distance > met)[:, None]
+    normal = np.where(apart, gap / np.maximum(distance, met)[:, None], 0.0)
+    points = np.stack([one + radii[:, :1] * normal, other - radii[:, 1:] * normal], axis=1)
+    crossed = np.flatnonzero(~apart)
+    if crossed.size:
+        axes = np.stack([u[crossed], v[crossed]], axis=1)
+        axes /= np.maximum(np.linalg.norm(axes, axis=2, keepdims=True), 1e-300)
+        way, out = points[crossed], normal[crossed]
+        part_cores(way, out, radii[crossed], axes)
+        points[crossed], normal[crossed] = way, out
+    return distance - radii.sum(axis=1), points, normal
+
+
+def measure_segments_and_planes(ends: Array, planes: Array, radii: Array) -> tuple[Array, Array, Array]:
+    """Measure segments with a radius from half-spaces: the lower end counts.
+
+    Args:
+        ends: Ends of the segments [m], shape (k, 2, 3).
+        planes: Poses of the half-spaces, which fill `z <= 0` of their own frames, shape (k, 4, 4).
+        radii: Radii of the segments [m], shape (k,).
+
+    Returns:
+        Signed distances [m], shape (k,); nearest points of the half-space and of the segment [m], shape (k, 2, 3); unit
+        normals from the half-space to the segment, shape (k, 3).
+    """
+    out = planes[:, :3, 2].copy()
+    heights = np.einsum("ki,kei->ke", out, ends - planes[:, None, :3, 3])
+    rows, lower = np.arange(len(ends)), np.argmin(heights, axis=1)
+    end, height = ends[rows, lower], heights[rows, lower]
+    points = np.stack([end - height[:, None] * out, end - radii[:, None] * out], axis=1)
+    return height - radii, points, out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,8 @@ from numpy.testing import assert_allclose
 import paraopt as po
 from paraopt.scene import Cable
 from paraopt.scene.cable import shorten_segments
-from paraopt.shapes import Cone, ConvexPolyhedron, HalfSpace, Shape
+from paraopt.scene.ends import holds
+from paraopt.shapes import Cone, ConvexPolyhedron, HalfSpace, Mesh, Shape
 from support import assert_derivative
 
 POSE = ("x", "y", "z", "alpha", "beta", "gamma")
@@ -90,13 +93,135 @@ def test_pairs_of_cables() -> None:
         cable(name="stay", link_B="base", point_B=(0, 3, 0)),
     ]
     rows = table(po.Scene(robot, [po.Sphere(radius=0.1, name="rock")], ropes))
-    assert rows["plate / one"] == "the cable ends on 'platform'"
+    assert rows["plate / one"] == "the cable ends on 'plate'"
     assert rows["plate / far"] == "checked"  # its end is left out
     assert rows["one / two"] == "both end at one place of 'platform'"
     assert rows["one / far"] == "checked"
     assert rows["rock / one"] == "checked"
     assert rows["rock / stay"] == "neither moves"
     assert rows["plate / stay"] == rows["one / stay"].replace("both end at one place of 'base'", "checked") == "checked"
+
+
+def test_solids_of_the_link_that_do_not_hold_the_end_are_checked() -> None:
+    """A plate that hangs below the bar to which the cable is tied."""
+    bar = po.Capsule.between((-0.1, 0, 0), (0.1, 0, 0), 0.02, "bar")
+    plate = po.Box(size=(0.2, 0.2, 0.02), pose=po.transform((0, 0, -0.1)), name="plate")
+    scene = po.Scene(flyer(bar, plate), cables=[cable()])
+    rows = table(scene)
+    assert rows == {
+        "bar / rope": "the cable ends on 'bar'",
+        "plate / rope": "checked",
+        "bar / plate": "both on 'platform'",
+    }
+    upright = scene.robot.kinematics.configuration(state(0, 0, 0, 0, 0, 0))
+    assert scene.clearance(upright).distance == pytest.approx(0.1 - 0.01 - 0.01, abs=1e-9)
+    # upside down the cable has to pass through the plate
+    folded = scene.robot.kinematics.configuration(state(0, 0, 0, np.pi, 0, 0))
+    assert scene.clearance(folded).distance < 0
+    assert "collision with the robot itself: plate / rope" in scene.clearance(folded).describe()
+
+
+def test_what_is_ignored_decides_about_the_solid_at_the_end() -> None:
+    eye = po.Sphere(radius=0.03, pose=po.transform((0.1, 0, 0)), name="eye")
+    for ignored, told in (
+        (0.0, "the cable ends on 'eye'"),
+        (0.02, "checked"),  # shorter than the eye's radius: it begins inside
+        (0.05, "'eye' lies within the length that is ignored at the cable's end"),
+    ):
+        scene = po.Scene(flyer(eye), cables=[cable(ignore=(0.0, ignored))])
+        assert table(scene)["eye / rope"] == told
+        forced = scene.with_pairs(check=["eye / rope"])
+        found = forced.clearance(forced.robot.kinematics.configuration(state(0, 0, 0, 0, 0, 0)))
+        assert found.distance == pytest.approx(ignored - 0.03 - 0.01, abs=1e-9)
+
+
+def test_an_end_on_a_pulley_is_on_the_frame_that_holds_it() -> None:
+    """Its motor's link turns at the exit; the frame's ring round the exit does not count, its far beam does."""
+    ring = po.Sphere(radius=0.05, pose=po.transform((0, 0, 2)), name="ring")
+    beam = po.Capsule.between((0.5, -1, 1), (0.5, 1, 1), 0.05, "beam")
+    mechanism = po.Mechanism(
+        "winch",
+        [po.Base(), po.Mobile("platform"), po.Series("motor", "base", at=(0, 0, 2), joint=po.Revolute("spin"))],
+        (), active=("spin",), operational=POSE,
+    )  # fmt: skip
+    ropes = [cable(link_A="motor", point_A=(0, 0, 0)), cable(name="other", point_B=(-0.1, 0, 0))]
+    robot = po.Robot(mechanism, home=dict.fromkeys(POSE, 0.0), shapes={"base": [ring, beam]}, cables=ropes)
+    rows = table(po.Scene(robot))
+    assert rows["ring / rope"] == rows["ring / other"] == "the cable ends on 'ring'"
+    assert rows["beam / rope"] == rows["beam / other"] == "checked"
+    assert rows["rope / other"] == "both end at one place of 'motor'"
+
+
+def test_cables_from_one_exit_do_not_touch_there() -> None:
+    """Whatever is ignored, and however small the angle between them."""
+    ropes = [cable(point_B=(0.02, 0, 0)), cable(name="other", point_B=(-0.02, 0, 0))]
+    for ignored in (0.0, 0.1):
+        scene = po.Scene(flyer(), cables=[dataclasses.replace(r, ignore=(ignored, 0.0)) for r in ropes])
+        assert table(scene) == {"rope / other": "both end at one place of 'base'"}
+        forced = scene.with_pairs(check=["rope / other"])
+        assert forced.clearances(state(0, 0, 0, 0, 0, 0))[0][0] < 0
+    # from exits that are farther apart than the cables are thick they count
+    apart = po.Scene(flyer(), cables=[ropes[0], dataclasses.replace(ropes[1], point_A=(0.021, 0, 2))])
+    assert table(apart) == {"rope / other": "checked"}
+
+
+def two_cubes() -> Mesh:
+    """A mesh of two unit cubes, at x = 0 and at x = 3."""
+    hulls = [ConvexPolyhedron(vertices=np.array(list(itertools.product((d, d + 1), (0, 1), (0, 1))))).hull
+             for d in (0, 3)]  # fmt: skip
+    corners = np.vstack([h.vertices for h in hulls])
+    triangles = np.vstack([h.triangles + 8 * i for i, h in enumerate(hulls)])
+    return Mesh(vertices=corners, triangles=triangles, parts=[h.vertices for h in hulls])
+
+
+HOLDERS = {
+    "box": (po.Box(size=(0.2, 0.4, 0.6)), [(0.1, 0, 0), (0.11, 0.2, 0.3)], [(0.12, 0, 0), (0.11, 0.21, 0.3)]),
+    "sphere": (po.Sphere(radius=0.3), [(0.31, 0, 0), (0, 0, 0)], [(0.2, 0.2, 0.2)]),
+    "cylinder": (po.Cylinder(radius=0.1, length=0.4), [(0.11, 0, 0), (0, 0, 0.21)], [(0.1, 0.1, 0), (0, 0.11, 0.21)]),
+    "capsule": (po.Capsule(radius=0.1, length=0.4), [(0, 0, 0.31), (0.11, 0, 0.2)], [(0, 0, 0.32), (0.1, 0, 0.3)]),
+    "cone": (Cone(radius=0.3, length=0.4), [(0, 0, -0.21), (0.15, 0, 0), (0, 0, 0.2)], [(0.17, 0, 0), (0, 0, 0.23)]),
+    "half-space": (HalfSpace(), [(5, 5, 0.01), (0, 0, -3)], [(0, 0, 0.011)]),
+    "polyhedron": (
+        ConvexPolyhedron(vertices=0.5 * np.vstack([np.eye(3), -np.eye(3)])),
+        [(0.5, 0, 0), (0.17, 0.17, 0.17)], [(0.18, 0.18, 0.18), (0.52, 0, 0)],
+    ),
+    "mesh": (
+        two_cubes(),
+        [(0, 0, 0.5), (3.5, 1, 1)], [(2, 0.5, 0.5), (1.1, 0, 0)],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", HOLDERS)
+def test_which_points_a_solid_holds(kind: str) -> None:
+    solid, held, free = HOLDERS[kind]
+    X = po.transform((0.3, -0.2, 0.7), (0.4, 0.2, 1.0))
+    moved = dataclasses.replace(solid, pose=X)
+    for points, told in ((held, True), (free, False)):
+        for point in points:
+            assert holds(solid, point, 0.0101) is told, point
+            assert holds(moved, X[:3, :3] @ point + X[:3, 3], 0.0101) is told, point
+
+
+def test_a_scene_takes_the_cables_of_its_robot() -> None:
+    plate = po.Box(size=(0.2, 0.2, 0.1), name="plate")
+    robot = dataclasses.replace(flyer(plate), cables=[cable()])
+    hose = cable(name="hose", point_A=(0, 1, 2), point_B=(0, 0.1, 0))
+    scene = po.Scene(robot, [po.Sphere(radius=0.1, name="rock")], [hose])
+    assert [b.name for b in scene.bodies] == ["plate", "rock", "rope", "hose"]
+    assert scene.cables == (hose,)
+    assert [c.name for c in scene.all_cables] == ["rope", "hose"]
+    # a table of pairs keeps both, once
+    changed = scene.with_pairs(skip=["rope / hose"])
+    assert [b.name for b in changed.bodies] == [b.name for b in scene.bodies]
+    by_hand = po.Scene(flyer(plate), [po.Sphere(radius=0.1, name="rock")], [cable(), hose])
+    X = np.column_stack([np.zeros(20), np.random.default_rng(0).uniform(-0.5, 0.5, (20, 6))])
+    assert_allclose(scene.clearances(X)[0], by_hand.clearances(X)[0], atol=0)
+    T = po.MotionSpace(robot.kinematics).tangent(X)
+    every = np.arange(len(scene.pairs))
+    assert_allclose(scene.distances(X, every, T).gradients, by_hand.distances(X, every, T).gradients, atol=0)
+    with pytest.raises(po.DefinitionError, match=r"'rope'.* appear twice"):
+        po.Scene(robot, cables=[cable()])
 
 
 # --- Distances
