@@ -79,12 +79,21 @@ class Facets:
         Returns:
             Shape (k, 2 n_pairs) [N], those of the lower facets first; inf where there is no facet.
         """
-        along = np.einsum("kpd,kd->kp", self.normals, scale_moments(np.atleast_2d(wrench), self.length)
-                          * np.ones((len(self.normals), 1)))  # fmt: skip
-        # the wrench of the cables is -w
-        levels = np.hstack([-along - self.lower, self.upper + along])
+        levels = self.slopes(wrench) + np.hstack([-self.lower, self.upper])
         levels[np.tile(self.is_flat, 2)] = np.inf
-        return levels
+        return np.asarray(levels)
+
+    def slopes(self, wrench: ArrayLike) -> Array:
+        """Give what a wrench adds to the distances; shape (k, 2 n_pairs) [N], zero where there is no facet."""
+        w = np.broadcast_to(scale_moments(np.asarray(wrench, dtype=float), self.length), self.normals[:, 0].shape)
+        along = np.einsum("kpd,kd->kp", self.normals, w)
+        return np.hstack([-along, along])  # the cables make -w
+
+
+def facet_names(robot: CableRobot) -> tuple[str, ...]:
+    """Name the facets by the cables that span them, in the order of `Facets.distances`."""
+    sets = [" ".join(cables) for cables in combinations(robot.cables, robot.dof - 1)]
+    return tuple(f"facet of {cables}, {side}" for side in ("lower", "upper") for cables in sets)
 
 
 def compute_facets(robot: CableRobot, poses: ArrayLike, options: FacetOptions | None = None) -> Facets:

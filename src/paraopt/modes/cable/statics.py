@@ -243,7 +243,7 @@ def _polish(A: Array, b: Array, wanted: Array, low: Array, high: Array, start: A
 
 
 def solve_duals(
-    A: Array, b: Array, wanted: Array, low: Array, high: Array, start: Array | None = None, iterations: int = 100
+    A: Array, b: Array, wanted: Array, low: Array, high: Array, start: Array | None = None, iterations: int = 1000
 ) -> tuple[Array, Array]:
     """Minimise `|t - wanted|` with `A t + b = 0` and `low <= t <= high` for many problems at once.
 
