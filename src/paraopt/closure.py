@@ -309,8 +309,9 @@ def _(constraint: Coupling, symbols: Symbols) -> Equations:
 @build_equations.register
 def _(constraint: Equilibrium, symbols: Symbols) -> Equations:
     c = symbols.point(constraint.link, constraint.centre)
-    force = ca.SX(ca.DM(constraint.mass * np.array(constraint.gravity) + np.array(constraint.force)))
-    moment = ca.SX(ca.DM(constraint.moment))
+    weight, load = constraint.mass * np.array(constraint.gravity), np.array(constraint.force)
+    force = ca.SX(ca.DM(weight + load))
+    moment = ca.DM(constraint.moment) + ca.cross(symbols.point(constraint.link, constraint.at) - c, ca.SX(ca.DM(load)))
     for tension in constraint.tensions:
         pull = symbols.gap(tension)  # from the attachment to the exit
         if constraint.link == tension.link_B:

@@ -80,13 +80,46 @@ def joints(draw: st.DrawFn, name: str, planar: bool) -> parts.Joint:
 
 
 @st.composite
-def closures(draw: st.DrawFn, name: str, links: list[str], planar: bool) -> parts.Closure:
+def equilibria(draw: st.DrawFn, name: str, first: str, second: str, planar: bool) -> parts.Equilibrium:
+    """Draw the balance of a link under one to three cables."""
+
+    def vector() -> tuple[float, ...]:
+        return (draw(numbers), draw(numbers), 0.0 if planar else draw(numbers))
+
+    tensions = []
+    for i in range(draw(st.integers(1, 3))):
+        (link_A, link_B), limits = draw(st.permutations([first, second])), draw(ranges)
+        tensions.append(parts.Tension(f"{name} {i}", link_A, vector(), link_B, vector(), limits))
+    return parts.Equilibrium(
+        first, tensions, draw(st.just(0.0) | positive), vector(), vector(), vector(), (0.0, 0.0, draw(numbers)),
+        vector(), draw(positive), name,
+    )  # fmt: skip
+
+
+@st.composite
+def couplings(draw: st.DrawFn, name: str, moved: dict[str, str]) -> parts.Coupling:
+    """Draw a relation of two or three variables, angles among lengths by their radii."""
+    turning = [n for n, kind in moved.items() if kind == "angle"]
+    sliding = [n for n, kind in moved.items() if kind == "length"]
+    if len(turning) >= 2 and draw(st.booleans()):
+        return parts.Coupling({turning[0]: draw(positive), turning[1]: -draw(positive)}, angle=draw(numbers), name=name)
+    radii = {n: draw(positive) for n in turning[: 1 if sliding else 2]}
+    factors = {n: -draw(positive) for n in sliding[: 1 if radii else 2]}
+    return parts.Coupling(factors, radii, length=draw(numbers), name=name)
+
+
+@st.composite
+def closures(draw: st.DrawFn, name: str, links: list[str], planar: bool, moved: dict[str, str]) -> parts.Closure:
     """Draw a closure of any registered type, or of any that has a meaning in the plane."""
     spatial_only = {"PerpendicularAxes", "ParallelPlanes", "ClosingSpherical", "ClosingUniversal", "ClosingCylindrical",
                     "PlanarContact", "LineContact"}  # fmt: skip
     members = [m.cls for n, m in CLOSURES.members.items() if not (planar and n in spatial_only)]
     cls = draw(st.sampled_from(members))
     first, second = draw(st.permutations(links))[:2]
+    if cls is parts.Equilibrium:
+        return draw(equilibria(name, first, second, planar))
+    if cls is parts.Coupling:
+        return draw(couplings(name, moved))
     values: dict[str, Any] = {"link_A": first, "link_B": second, "name": name}
     for field in dataclasses.fields(cls):
         kind = field.name.split("_")[0]
@@ -134,11 +167,12 @@ def mechanisms(draw: st.DrawFn) -> po.Mechanism:
         else:
             father = draw(st.sampled_from([link.name for link in links]))
             links.append(po.Series(name, father, draw(points(planar)), draw(joints(f"j{i}", planar)), rotation()))
-    variables = [m.name for link in links for m in link.motions]
+    moved = {m.name: m.kind for link in links for m in link.motions}
+    variables = list(moved)
     assume(len(variables) >= 2)
     cut = draw(st.integers(1, len(variables) - 1))
     shuffled = draw(st.permutations(variables))
-    ties = [draw(closures(f"tie {k}", names, planar)) for k in range(draw(st.integers(0, 4)))]
+    ties = [draw(closures(f"tie {k}", names, planar, moved)) for k in range(draw(st.integers(0, 4)))]
     if ties:  # one may bear the name that it has by itself
         ties[0] = dataclasses.replace(ties[0], name="")
     return po.Mechanism(
@@ -216,6 +250,17 @@ def shapes(draw: st.DrawFn, name: str) -> Any:
 
 
 @st.composite
+def cables(draw: st.DrawFn, links: list[str], name: str) -> po.Cable:
+    """Draw a cable between any points of two links."""
+    one, other = draw(st.permutations(links))[:2]
+    point, length = st.tuples(numbers, numbers, numbers), st.floats(0.0, 1e9)
+    return po.Cable(
+        link_A=one, point_A=draw(point), link_B=other, point_B=draw(point), radius=draw(positive),
+        ignore=draw(st.tuples(length, length)), name=draw(st.sampled_from([name, ""])) if name == "cable 0" else name,
+    )  # fmt: skip
+
+
+@st.composite
 def robots(draw: st.DrawFn) -> po.Robot:
     """Draw what a robot adds to a mechanism."""
     base = five_bar_robot()
@@ -237,6 +282,7 @@ def robots(draw: st.DrawFn) -> po.Robot:
         tool=draw(st.none() | st.tuples(st.sampled_from(links), st.tuples(numbers, numbers, numbers))),
         source=draw(texts | st.just("")),
         facts=draw(kinds(st.sampled_from(["rank E", "mobility"]), st.integers(0, 99))),
+        cables=[draw(cables(links, f"cable {i}")) for i in range(draw(st.integers(0, 2)))],
     )  # fmt: skip
 
 
@@ -467,7 +513,7 @@ def test_junk_in_a_robot_is_refused_or_used(data: st.DataObject) -> None:
     else:
         low, high = robot.limits.bounds(robot.mechanism)
         assert np.all(low <= high)
-        assert len(po.Scene(robot).bodies) == sum(map(len, robot.shapes.values()))
+        assert len(po.Scene(robot).bodies) == sum(map(len, robot.shapes.values())) + len(robot.cables)
 
 
 @MANY

@@ -44,7 +44,7 @@ def test_the_library_is_complete() -> None:
     wanted = {
         "serial_2r", "serial_2rp", "lynx", "two_rpr", "five_bar", "three_rpr", "three_rrr", "planar_platform", "lee",
         "three_upu", "raf", "delta", "hayward_wrist", "gosselin_wrist", "stewart", "six_three", "hexa", "two_delta",
-        "logabex", "larm_planar", "larm_spatial", "gipo", "tripod",
+        "logabex", "larm_planar", "larm_spatial", "larm_hanging", "gipo", "tripod",
     }  # fmt: skip
     assert wanted <= set(NAMES)
 

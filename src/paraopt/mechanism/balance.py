@@ -15,8 +15,8 @@ from paraopt.mechanism.joints import Range, Unknown, as_range, as_tuple
 from paraopt.mechanism.links import as_point
 from paraopt.spatial import finite_vector
 
-GRAVITY = (0.0, 0.0, -9.80665)
-"""Standard acceleration of free fall, downwards along z [m/s^2]."""
+GRAVITY = (0.0, 0.0, -9.81)
+"""Acceleration of free fall, downwards along z [m/s^2]."""
 
 
 @dataclass(frozen=True)
@@ -141,20 +141,25 @@ class Tension:
 class Equilibrium(Closure):
     """Hold a link in static balance under cables, its weight and a constant wrench.
 
-    `sum t_i u_i + m g + f = 0` and `sum t_i (p_i - c) x u_i + n = 0` with u_i the unit vector from the link's end of
-    cable i to its other end, p_i the link's end and c the centre of mass, all in the world: 6 equations (3 in the
-    plane). Each tension t_i is a variable that this closure brings with it. What else touches the link must not
-    push it: closures that measure the length of a cable do not, a hinge would. Cables have no mass.
+    `sum t_i u_i + m g + f = 0` and `sum t_i (p_i - c) x u_i + (p_f - c) x f + n = 0` with u_i the unit vector from the
+    link's end of cable i to its other end, p_i the link's end, c the centre of mass and p_f the point of the force, all
+    in the world: 6 equations (3 in the plane). Each tension t_i is a variable that this closure brings with it. What
+    else touches the link must not push it: closures that measure the length of a cable do not, a hinge would. Cables
+    have no mass.
 
-    With more cables than equations the differences are internal forces, which lengths of rigid cables do not decide:
-    impose some tensions then.
+    With fewer cables than equations the robot hangs: its lengths leave freedoms that these equations decide, tilt
+    included, so that it has as many independent coordinates as cables. The matrix of what the lengths leave open,
+    [N K], is that of the energy's second variation; where it loses rank, an equilibrium ceases to be unique, at the
+    edge of its stability. With more cables than equations the differences are internal forces, which lengths of rigid
+    cables do not decide: impose some tensions then.
 
     Attributes:
         link: Name of the link.
         tensions: The cables that pull it, each by one end; a tension may pull two links that each have an equilibrium.
         mass: Mass of the link and of what it carries [kg].
         centre: Centre of mass in its frame [m].
-        force: Constant force in the world at the centre of mass [N].
+        force: Constant force in the world [N].
+        at: Point of the link at which it acts, in its frame [m].
         moment: Constant moment in the world [N m].
         gravity: Acceleration of free fall in the world [m/s^2].
         reference_force: Unit in which forces are judged [N]; the weight when None, or the size of the constant force
@@ -169,6 +174,7 @@ class Equilibrium(Closure):
     mass: float = 0.0
     centre: Point = (0.0, 0.0, 0.0)
     force: Sequence[float] = (0.0, 0.0, 0.0)
+    at: Point = (0.0, 0.0, 0.0)
     moment: Sequence[float] = (0.0, 0.0, 0.0)
     gravity: Sequence[float] = GRAVITY
     reference_force: float | None = None
@@ -192,6 +198,7 @@ class Equilibrium(Closure):
         if not names or len(set(names)) < len(names):
             raise DefinitionError(f"tensions of {self.name!r} are {names}; there must be some, each with its own name")
         self._set("centre", as_point(self.centre, f"centre of mass in {self.name!r}"))
+        self._set("at", as_point(self.at, f"point of the force in {self.name!r}"))
         for key in ("force", "moment", "gravity"):
             vector = finite_vector(getattr(self, key), 3, f"{key} in {self.name!r}")
             self._set(key, tuple(vector.tolist()))
@@ -232,7 +239,7 @@ class Equilibrium(Closure):
         return tuple(p for t in self.tensions for p in (t.point_A, t.point_B))  # type: ignore[misc]
 
     def _check_planar(self) -> None:
-        flat = {"gravity": self.gravity, "force": self.force, "centre": self.centre}
+        flat = {"gravity": self.gravity, "force": self.force, "centre": self.centre, "at": self.at}
         flat |= {f"point_{s} of {t.name!r}": getattr(t, f"point_{s}") for t in self.tensions for s in "AB"}
         for what, vector in flat.items():
             if vector[2] != 0:

@@ -6,7 +6,7 @@ from paraopt.robots.gipo import gipo, gipo_machine
 from paraopt.robots.gosselin import gosselin_wrist
 from paraopt.robots.hayward import hayward_wrist
 from paraopt.robots.hexa import hexa
-from paraopt.robots.larm import larm_planar, larm_spatial
+from paraopt.robots.larm import larm_hanging, larm_planar, larm_spatial
 from paraopt.robots.lee import lee
 from paraopt.robots.logabex import logabex
 from paraopt.robots.lynx import lynx
@@ -31,6 +31,7 @@ __all__ = [
     "gosselin_wrist",
     "hayward_wrist",
     "hexa",
+    "larm_hanging",
     "larm_planar",
     "larm_spatial",
     "lee",

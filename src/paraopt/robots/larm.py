@@ -7,13 +7,28 @@ of constant size stands for it. The source prints no dimension: those here are o
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from paraopt.mechanism import Base, Coincidence, Link, Mechanism, Mobile, Prismatic, Revolute, Series, Universal
+from paraopt.mechanism import (
+    Base,
+    Coincidence,
+    Equilibrium,
+    Link,
+    Mechanism,
+    Mobile,
+    Prismatic,
+    Revolute,
+    Series,
+    Tension,
+    Universal,
+)
+from paraopt.mechanism.balance import GRAVITY
 from paraopt.robot import Limits, Robot
 from paraopt.shapes import Box, Capsule, Shape, Sphere
 from paraopt.spatial import transform
 
 CABLES = ("q1", "q2", "q3", "q4")
+TENSIONS = ("t1", "t2", "t3", "t4")
 
 
 def larm_planar(
@@ -132,6 +147,69 @@ def larm_spatial(
         facts={
             "variables": 18, "equations": 12, "mobility": 6,
             "rank E": 12, "rank M": 4, "rank N": 8, "rank K": 5, "idle": 1,
+        },
+    )  # fmt: skip
+
+
+def larm_hanging(
+    side: float = 1.0,
+    half_width: float = 0.1,
+    drop: float = 0.05,
+    mass: float = 1.0,
+    tension: tuple[float, float] = (0.1, 60.0),
+    velocity: float = 0.5,
+    acceleration: float = 2.0,
+    jerk: float = 50.0,
+) -> Robot:
+    """Build the cable robot in space with its weight: four lengths, and where the platform comes to rest.
+
+    The machine is that of `larm_spatial`. Static balance adds six equations and four tensions t1 ... t4, so that the
+    mobility is four, as many as there are winches. The independent coordinates, which are the operational variables,
+    are the position x, y, z of the midpoint between the attachment points and the heading gamma. The tilt beta of the
+    line through these points and the turn alpha about it follow: the weight decides them. Headed along x, the platform
+    is level where x = L/2 and tilted elsewhere, its end at the nearer side of the square up.
+
+    Args:
+        side: Side L of the square of the exits, in the plane z = 0 [m].
+        half_width: Distance h of the attachment points from the platform's origin [m].
+        drop: Distance of the platform's centre of mass below the line of the attachment points [m].
+        mass: Mass of the platform [kg].
+        tension: Least and largest tension of a cable [N].
+        velocity: Largest speed of a cable [m/s].
+        acceleration: Largest acceleration of a cable [m/s^2].
+        jerk: Largest jerk of a cable [m/s^3].
+
+    Returns:
+        The robot: 22 variables, 18 equations of rank 18, mobility 4, 4 actuators.
+
+    Source: Lahouar, IV.2.
+    """
+    plain = larm_spatial(side, half_width, drop, velocity, acceleration, jerk)
+    pulls = [
+        Tension(t, "base", exit_, "platform", (sign * half_width, 0, 0), tension)
+        for t, (_, exit_, sign) in zip(TENSIONS, _cables(side), strict=True)
+    ]
+    balance = Equilibrium("platform", pulls, mass=mass, centre=(0, 0, -drop))
+    mechanism = replace(
+        plain.mechanism,
+        name="LARM, hanging",
+        closures=(*plain.mechanism.closures, balance),
+        operational=("x", "y", "z", "gamma"),
+        characteristic_length=plain.mechanism.length,
+    )
+    home = dict(plain.home)
+    for q, t in zip(CABLES, TENSIONS, strict=True):  # each cable carries a quarter of the weight along its slope
+        home[t] = 0.25 * mass * abs(GRAVITY[2]) * home[q] / abs(home["z"])
+    return replace(
+        plain,
+        mechanism=mechanism,
+        home=home,
+        masses={"platform": mass},
+        source="Lahouar, IV.2 (structure); all dimensions, drive limits, masses, tensions, solids and home are ours",
+        # computed
+        facts={
+            "variables": 22, "equations": 18, "mobility": 4,
+            "rank E": 18, "rank M": 4, "rank N": 14, "rank K": 4, "idle": 0,
         },
     )  # fmt: skip
 

@@ -67,7 +67,21 @@ def assert_same_robot(one: po.Robot, other: po.Robot) -> None:
     for link, shapes in one.shapes.items():
         for ours, theirs in zip(shapes, other.shapes[link], strict=True):
             assert_same_shape(ours, theirs)
-    compared = {"mechanism", "home", "masses", "centres", "contacts", "facts", "limits", "tool", "source", "shapes"}
+    assert one.cables == other.cables
+    assert repr(one.cables) == repr(other.cables)
+    compared = {
+        "cables",
+        "mechanism",
+        "home",
+        "masses",
+        "centres",
+        "contacts",
+        "facts",
+        "limits",
+        "tool",
+        "source",
+        "shapes",
+    }
     assert {f.name for f in dataclasses.fields(po.Robot)} == compared
 
 
@@ -121,7 +135,13 @@ def test_everything_that_a_robot_may_state_comes_back(tmp_path: Path) -> None:
         tool=("tip", (0.1, 0.2, 0.3)),
         source=odd,
         facts={"mobility": 2, "working modes": 4},
-    )
+        cables=[
+            po.Cable(
+                link_A="base", point_A=(1 / 3, -0.0, 2), link_B="tip", point_B=(0, 5e-324), radius=1 / 7, name=odd + odd
+            ),
+            po.Cable(link_A="tip", point_A=(0, 0), link_B="base", point_B=(0, 0), radius=1, ignore=(1 / 9, 0)),
+        ],
+    )  # fmt: skip
     again = po.load_robot(po.save_robot(robot, tmp_path / "robot.toml"))
     assert_same_robot(robot, again)
     assert math.copysign(1.0, again.home["theta1"]) == -1.0
@@ -140,6 +160,51 @@ def test_defaults_are_left_out_and_places_are_readable(tmp_path: Path) -> None:
     assert [c["name"] for c in data["closures"] if "name" in c] == [
         c.name for c in raf_robot().mechanism.closures if c.name != f"{c.link_A} = {c.link_B}"
     ]
+
+
+CABLE = """
+[[cables]]
+link_A = "base"
+point_A = [1, 2]
+link_B = "tip"
+point_B = [0, 0, 3]
+radius = 0.5
+"""
+
+
+def test_cables_are_read_in_the_units_of_the_file(written: Callable[[str], Path], tmp_path: Path) -> None:
+    text = FIVE_BAR.replace('length = "m"', 'length = "cm"') + CABLE + "ignore = [4, 5]\n"
+    (cable,) = po.load_robot(written(text)).cables
+    assert cable == po.Cable(link_A="base", point_A=(0.01, 0.02), link_B="tip", point_B=(0, 0, 0.03), radius=0.005,
+                             ignore=(0.04, 0.05), name="cable of base and tip")  # fmt: skip
+    (cable,) = po.load_robot(written(FIVE_BAR + CABLE)).cables
+    assert cable.ignore == (0.0, 0.0)
+    # what has its default is not written
+    robot = dataclasses.replace(five_bar_robot(), cables=[cable])
+    written_text = po.save_robot(robot, tmp_path / "robot.toml").read_text(encoding="utf-8")
+    assert "[[cables]]" in written_text
+    assert "ignore" not in written_text
+    assert "cable of base and tip" not in written_text
+    assert_same_robot(robot, po.load_robot(tmp_path / "robot.toml"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (CABLE.replace('link_B = "tip"', 'link_B = "tipp"'), r"link at an end of cable .*'tipp'.*did you mean 'tip'"),
+        (CABLE.replace("radius = 0.5", ""), r"cables\[0\].*lacks 'radius'; a Cable needs it"),
+        (CABLE.replace("radius = 0.5", "radius = 0"), r"cables\[0\].*radius of cable .* is 0 m; it must be above 0"),
+        (CABLE.replace("point_A = [1, 2]", "point_A = [1]"), r"cables\[0\].point_A.*an array of 2 or 3 numbers"),
+        (CABLE + "ignore = 3", r"cables\[0\].ignore.* 3.*an array of 2 numbers"),
+        (CABLE + "tension = 3", r"cables\[0\]: unknown key of a Cable 'tension'"),
+        (CABLE + CABLE, r"'cable of base and tip' .* a name of its own"),
+        ("\n[cables]\nlink_A = 'base'", r"cables.*an array of tables"),
+    ],
+)
+def test_faulty_cables_are_told_with_their_place(text: str, words: str, written: Callable[[str], Path]) -> None:
+    with pytest.raises(po.DefinitionError, match=words) as caught:
+        po.load_robot(written(FIVE_BAR + text))
+    assert "machine.toml" in str(caught.value)
 
 
 def test_the_other_kind_of_machine_is_refused(tmp_path: Path) -> None:
@@ -176,7 +241,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
 def members(module: Any, root: type) -> set[str]:
     """Name the classes of a module that a user can build: those with a constructor of their own."""
     found = {n for n, c in vars(module).items() if inspect.isclass(c) and issubclass(c, root) and c is not root}
-    return found - {"ClosingJoint", "Link", "Motion"}
+    return found - {"ClosingJoint", "Link", "LinkClosure", "Motion"}
 
 
 @pytest.mark.parametrize(
