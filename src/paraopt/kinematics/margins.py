@@ -199,7 +199,21 @@ class MotionSpace:
         V = np.linalg.qr(T / self.kinematics.graph.variable_scale[:, None])[0]
         parallel, log_parallel = smallest_and_volume(V[:, self._active])
         serial, log_serial = smallest_and_volume(V[:, self._operational])
-        return Margins(parallel, serial, log_parallel, log_serial)
+        lost = self._is_lost(np.atleast_2d(np.asarray(X, dtype=float)), T)
+        if set(self._active) == set(self.index):
+            return Margins(np.where(lost, 0.0, parallel), serial, np.where(lost, -np.inf, log_parallel), log_serial)
+        return Margins(parallel, np.where(lost, 0.0, serial), log_parallel, np.where(lost, -np.inf, log_serial))
+
+    def _is_lost(self, X: Array, T: Array) -> NDArray[np.bool_]:
+        """Tell where the coordinates cannot be moved one by one, exactly: there T opens the loops.
+
+        Near a singularity of theirs T grows without bound, and the margins see it. On one, as in many a pose of symmetry,
+        no such motion exists, and the damped solve gives one that the closures do not allow.
+        """
+        (E,) = self.kinematics.functions.scaled_jacobian.batch(X)
+        S = T / self.kinematics.graph.variable_scale[:, None]
+        opening = np.max(np.abs(E @ S), axis=(1, 2), initial=0.0)
+        return np.asarray(opening > 1e-6 * np.max(np.abs(S), axis=(1, 2), initial=1e-300))
 
     def margin_gradients(self, X: ArrayLike, T: Array) -> tuple[Margins, Array, Array, Array, Array]:
         """Compute the margins and their exact gradients with respect to the independent coordinates.

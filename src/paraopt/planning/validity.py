@@ -205,15 +205,15 @@ def check_ends(problem: Problem, validity: Validity) -> None:
 def _count_freedoms(problem: Problem) -> int:
     """Count the motions at the start that change more than idle variables, while others are held."""
     kinematics, mechanism = problem.robot.kinematics, problem.robot.mechanism
-    report = report_state(kinematics, problem.start_configuration)
-    if not problem.held:
-        return report.useful_mobility
     (E,) = kinematics.functions.scaled_jacobian(problem.start_configuration.X)
     free = [i for i, name in enumerate(mechanism.names) if name not in problem.held]
     alone = [i for i in free if mechanism.variables[i].role == "passive"]
     mobility, internal = (
         len(columns) - compute_rank(E[:, columns], whole=E).value if columns else 0 for columns in (free, alone)
     )
+    if not internal:  # the general case has no more internal mobility than any place: it need not be sampled
+        return mobility
+    report = report_state(kinematics, problem.start_configuration)
     return mobility - min(internal, report.internal_mobility)
 
 
