@@ -122,33 +122,57 @@ def check_feasibility(robot: CableRobot, pose: ArrayLike, wrench: ArrayLike | No
     point, W, w = _read(robot, pose, wrench)
     A, b = _scaled(robot, W, w)
     zero = np.zeros(robot.dof)
-    n = robot.n_cables
     nearest = -np.linalg.pinv(A) @ b
     left = A @ nearest + b
     size = max(float(np.linalg.norm(b)), robot.weight, 1e-300)
     if np.linalg.norm(left) > 1e-9 * size:
         return Feasibility(robot, point, w, -np.inf, nearest, (), left / np.linalg.norm(left))
+    t, v, binding = spread_evenly(A, b, robot.t_min, robot.t_max)
+    cables = [f"cable {c!r} at t_min" for c, holds in zip(robot.cables, binding[0], strict=True) if holds]
+    cables += [f"cable {c!r} at t_max" for c, holds in zip(robot.cables, binding[1], strict=True) if holds]
+    return Feasibility(robot, point, w, -v, t, tuple(cables), zero)
+
+
+def spread_evenly(
+    A: Array, b: Array, low: Array, high: Array, loosen_upper: bool = True
+) -> tuple[Array, float, NDArray[np.bool_]]:
+    """Find the tensions that exceed their limits least, or keep farthest from them.
+
+        minimise v   subject to   A t + b = 0,   low - v <= t <= high + v
+
+    Args:
+        A: Matrix, shape (d, n); tensions of some sign must balance b.
+        b: Right-hand side, shape (d,).
+        low: Lower limits, shape (n,).
+        high: Upper limits, shape (n,).
+        loosen_upper: Whether the upper limits are loosened too.
+
+    Returns:
+        The tensions, v, and which lower and upper limits hold v up, shape (2, n).
+
+    Raises:
+        BackendError: HiGHS failed, or upper limits that are not loosened leave no tensions.
+    """
+    n = A.shape[1]
     # rows that the cables do not feel are dropped: the rest is of full rank
     U, s, _ = np.linalg.svd(A, full_matrices=False)
     kept = U[:, s > 1e-12 * s[0]].T
-    upper = np.hstack([np.eye(n), -np.ones((n, 1))])
-    lower = np.hstack([-np.eye(n), -np.ones((n, 1))])
+    # in shares of the largest tension: the solver's tolerances are absolute
+    scale = float(np.max(high))
+    column = np.ones((n, 1))
     solved = linprog(
         np.append(np.zeros(n), 1.0),
-        A_ub=np.vstack([upper, lower]),
-        b_ub=np.concatenate([robot.t_max, -robot.t_min]),
+        A_ub=np.vstack([np.hstack([-np.eye(n), -column]), np.hstack([np.eye(n), -column * loosen_upper])]),
+        b_ub=np.concatenate([-low, high]) / scale,
         A_eq=np.hstack([kept @ A, np.zeros((len(kept), 1))]),
-        b_eq=-kept @ b,
+        b_eq=-kept @ b / scale,
         bounds=(None, None),
         method="highs",
     )
     if solved.status != 0:
-        raise BackendError(f"HiGHS found no tensions of {robot.name!r}: {solved.message}", pose=point, wrench=w)
-    t, v = solved.x[:n], float(solved.x[n])
-    touch = 1e-7 * max(1.0, float(np.max(robot.t_max)))
-    cables = [f"cable {c!r} at t_min" for c, x in zip(robot.cables, t - robot.t_min + v, strict=True) if x <= touch]
-    cables += [f"cable {c!r} at t_max" for c, x in zip(robot.cables, robot.t_max + v - t, strict=True) if x <= touch]
-    return Feasibility(robot, point, w, -v, t, tuple(cables), zero)
+        raise BackendError(f"HiGHS found no tensions: {solved.message}", A=A, b=b, low=low, high=high)
+    binding = np.abs(solved.ineqlin.marginals).reshape(2, n) > 1e-9
+    return solved.x[:n] * scale, float(solved.x[n]) * scale, binding
 
 
 def distribute(

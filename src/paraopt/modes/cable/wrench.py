@@ -48,9 +48,25 @@ class CableFunctions:
         """Give the derivatives of the lengths with respect to the pose, shape (k, n, dof)."""
         return self._geometry(poses)[1]
 
+    def length_motion(self, poses: ArrayLike, first: ArrayLike, second: ArrayLike) -> tuple[Array, Array]:
+        """Give the first and second derivatives of the lengths along motions of the pose, each of shape (k, n).
+
+        Args:
+            poses: Poses, shape (k, dof).
+            first: Their first derivatives, same shape.
+            second: Their second derivatives, same shape.
+        """
+        check = self.robot.check_poses
+        rate, change = self._length_motion.batch(check(poses), check(first), check(second))
+        return rate, change
+
     def leaving_points(self, poses: ArrayLike) -> Array:
         """Give the points at which the free parts of the cables begin, on pulleys or at exits [m], shape (k, n, 3)."""
         return self._geometry(poses)[2].reshape(-1, self.robot.n_cables, 3)
+
+    def attachment_points(self, poses: ArrayLike) -> Array:
+        """Give the attachments in the world [m], shape (k, n, 3)."""
+        return self._geometry(poses)[3].reshape(-1, self.robot.n_cables, 3)
 
     def winch_angles(self, poses: ArrayLike) -> Array:
         """Give the angles of the winches [rad], shape (k, n).
@@ -82,6 +98,13 @@ class CableFunctions:
         """Give the derivatives of W and w with respect to the pose, shapes (k, dof, n, dof) and (k, dof, dof)."""
         dW, dw = self._derivatives.batch(self.robot.check_poses(poses))
         return dW.reshape(len(dW), self.robot.dof, self.robot.n_cables, self.robot.dof), dw
+
+    def twists(self, poses: ArrayLike) -> Array:
+        """Give the twists of the platform for unit rates of the coordinates, in the order of wrenches.
+
+        Velocity of its origin and angular velocity in axes of the world, shape (k, dof, dof).
+        """
+        return self._twists.batch(self.robot.check_poses(poses))[0]
 
     def inertia_wrench(self, poses: ArrayLike, velocities: ArrayLike, accelerations: ArrayLike) -> Array:
         """Give the wrench that the platform's inertia needs in a motion, about its origin [N, N m], shape (k, dof).
@@ -152,7 +175,16 @@ class CableFunctions:
     def _length_function(self) -> CompiledFunction:
         lengths = ca.vertcat(*[length for length, _, _, _ in self._cables])
         points = ca.vertcat(*[point for _, _, point, _ in self._cables])
-        return self._compile("lengths", [self._pose], [lengths, ca.jacobian(lengths, self._pose), points])
+        held = ca.vertcat(*[self._frame[0] + arm for _, _, _, arm in self._cables])
+        return self._compile("lengths", [self._pose], [lengths, ca.jacobian(lengths, self._pose), points, held])
+
+    @cached_property
+    def _length_motion(self) -> CompiledFunction:
+        V, A = ca.SX.sym("V", self.robot.dof), ca.SX.sym("A", self.robot.dof)
+        lengths = ca.vertcat(*[length for length, _, _, _ in self._cables])
+        rate = ca.jtimes(lengths, self._pose, V)
+        change = ca.jtimes(rate, self._pose, V) + ca.jtimes(rate, V, A)
+        return self._compile("length_motion", [self._pose, V, A], [rate, change])
 
     def _geometry(self, poses: ArrayLike) -> tuple[Array, ...]:
         values = self._length_function.batch(self.robot.check_poses(poses))
@@ -169,6 +201,16 @@ class CableFunctions:
         return self._compile(
             "wrench_rates", [self._pose], [ca.jacobian(ca.vec(W.T), self._pose), ca.jacobian(w, self._pose)]
         )
+
+    @cached_property
+    def _twists(self) -> CompiledFunction:
+        p, R = self._frame
+        columns = []
+        for coordinate in ca.vertsplit(self._pose):
+            turning = ca.reshape(ca.jacobian(ca.vec(R), coordinate), 3, 3) @ R.T
+            omega = ca.vertcat(turning[2, 1], turning[0, 2], turning[1, 0])
+            columns.append(self._as_wrench(ca.jacobian(p, coordinate), omega))
+        return self._compile("twists", [self._pose], [ca.horzcat(*columns)])
 
     @cached_property
     def _inertia(self) -> CompiledFunction:
@@ -189,7 +231,7 @@ class CableFunctions:
         return self._compile("inertia", [self._pose, V, A], [wrench])
 
     def _check(self, values: Array) -> None:
-        bad = np.flatnonzero(~np.all(np.isfinite(values.reshape(len(values), -1)), axis=1))
+        bad = np.flatnonzero(~np.all(np.isfinite(values), axis=tuple(range(1, values.ndim))))
         if bad.size:
             raise SolveError(
                 f"a cable of {self.robot.name!r} has no straight part at pose {int(bad[0])}: its attachment lies on "

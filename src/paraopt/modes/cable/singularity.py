@@ -1,0 +1,192 @@
+"""Singularities of a cable robot: rank lost, tensions at zero, equilibria that stop being stable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from paraopt.errors import DefinitionError
+from paraopt.modes.cable.facets import capacity_margins, scale_moments
+from paraopt.modes.cable.model import CableRobot
+from paraopt.modes.cable.statics import check_feasibility, spread_evenly
+from paraopt.modes.cable.wrench import cable_functions
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StateOptions:
+    """Hold what counts as singular.
+
+    Attributes:
+        rank: Singular value of the scaled wrench matrix, over the largest, below which rank is lost [1].
+        slack: Tension below which a cable counts as slack, as a share of the mean largest tension [1].
+        stability: Least curvature of the energy that counts as stable, as a share of weight times length [1].
+    """
+
+    rank: float = 1e-9
+    slack: float = 1e-9
+    stability: float = 1e-9
+
+    def __post_init__(self) -> None:
+        for name in ("rank", "slack", "stability"):
+            if not 0.0 < getattr(self, name) < 1.0:
+                raise DefinitionError(f"{name} tolerance is {getattr(self, name)!r}; it must be in (0, 1)")
+
+
+@dataclass(frozen=True, eq=False)
+class CableState:
+    """Tell how a cable robot stands at one pose.
+
+    Attributes:
+        robot: The cable robot.
+        pose: The pose, shape (dof,).
+        singular_values: Singular values of W with moments over the characteristic length, shape (min(dof, n),).
+        lost: Unit directions of wrench that no cable gives, in force and moment over the characteristic length, shape
+            (dof - rank, dof); they are also those of free motions, with turns times the length.
+        hangs: Whether there are fewer cables than freedoms, so that weight holds the rest.
+        balanced: Whether tensions of any sign balance weight and load.
+        least_tension: Largest value that the least tension can have [N]; at zero some cable goes slack, and below it
+            some would have to push. Nan where the platform is not balanced.
+        slack: Names of the cables that keep it from growing, where it is not above zero.
+        feasible: Whether tensions within their limits balance them.
+        margin: Capacity margin [N] where there are enough cables; else the least distance of a tension to a limit.
+        curvature: Least curvature of the energy along motions that keep the lengths [N/m]; None where none is left, or
+            where the platform is not balanced.
+        options: What counts as singular.
+    """
+
+    robot: CableRobot
+    pose: Array
+    singular_values: Array
+    lost: Array
+    hangs: bool
+    balanced: bool
+    least_tension: float
+    slack: tuple[str, ...]
+    feasible: bool
+    margin: float
+    curvature: float | None
+    options: StateOptions
+
+    @property
+    def loses_rank(self) -> bool:
+        """Tell whether W has less rank than the number of cables and of freedoms allow."""
+        return len(self.lost) > self.robot.dof - len(self.singular_values)
+
+    @property
+    def is_stable(self) -> bool | None:
+        """Tell whether the platform returns when disturbed; None where it is not balanced.
+
+        Where the lengths leave no motion, it does as long as the cables are taut.
+        """
+        if not self.balanced or not self.feasible:
+            return None
+        if self.curvature is None:
+            return True
+        return self.curvature > self.options.stability * self._stiffness
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Tell what is singular, one sentence for each; none at a regular pose."""
+        found = []
+        if self.loses_rank:
+            names = ("fx", "fy", "mz") if self.robot.planar else ("fx", "fy", "fz", "mx", "my", "mz")
+            for direction in self.lost:
+                parts = [f"{v:+.3f} {n}" for v, n in zip(direction, names, strict=True) if abs(v) > 1e-3]
+                found.append(f"the wrench matrix loses rank: no cable acts along {' '.join(parts)}")
+        if not self.balanced:
+            found.append("no tensions, of whatever sign, balance weight and load")
+        for cable in self.slack:
+            if self.least_tension < -self._slack_level:
+                found.append(f"cable {cable!r} would have to push, with {-self.least_tension:.4g} N at least")
+            else:
+                found.append(f"the tension of cable {cable!r} reaches zero")
+        if self.balanced and not self.feasible:
+            found.append(f"no tensions within their limits balance weight and load (margin {self.margin:.4g} N)")
+        if self.is_stable is False:
+            found.append(f"the equilibrium is not stable: the energy's least curvature is {self.curvature:.4g} N/m")
+        return tuple(found)
+
+    @property
+    def is_singular(self) -> bool:
+        """Tell whether anything is found."""
+        return bool(self.findings)
+
+    @property
+    def _slack_level(self) -> float:
+        return self.options.slack * float(np.mean(self.robot.t_max))
+
+    @property
+    def _stiffness(self) -> float:
+        return max(self.robot.weight, 1e-9 * float(np.max(self.robot.t_max))) / self.robot.length_scale
+
+    def __str__(self) -> str:
+        heading = f"{self.robot.name}: least singular value {self.singular_values[-1]:.4g}, margin {self.margin:.4g} N"
+        return "\n".join([heading, *(f"  {finding}" for finding in self.findings or ("regular",))])
+
+
+def report_cable_state(robot: CableRobot, pose: ArrayLike, options: StateOptions | None = None) -> CableState:
+    """Report what is singular at a pose at rest, each kind as such.
+
+    * The wrench matrix loses rank: some wrench can be balanced by no tensions, and some motion changes no length.
+    * The tension of a cable reaches zero: whatever the tensions that balance weight and load, some cable does not pull.
+    * The equilibrium loses its stability: along a motion that keeps all lengths, the energy has no curvature.
+
+    Args:
+        robot: The cable robot.
+        pose: Values of its coordinates [m, rad], shape (dof,).
+        options: What counts as singular.
+
+    Returns:
+        The report.
+
+    Raises:
+        DefinitionError: The pose has another size.
+    """
+    options = options or StateOptions()
+    point = robot.check_poses(pose)
+    functions = cable_functions(robot)
+    W, w = functions.both(point)
+    A, b = scale_moments(W[0].T, robot.length_scale).T, scale_moments(w[0], robot.length_scale)
+    U, values, _ = np.linalg.svd(A)
+    rank = int(np.sum(values > options.rank * values[0]))
+    lost = U[:, rank:].T
+    hangs = robot.n_cables < robot.dof
+    verdict = check_feasibility(robot, point[0])
+    balanced = bool(np.isfinite(verdict.margin))
+    least = np.nan
+    slack: tuple[str, ...] = ()
+    if balanced:
+        largest = np.maximum(robot.t_max, 1e3 * np.linalg.norm(b))  # upper limits are another matter
+        _, v, binding = spread_evenly(A, b, np.zeros(robot.n_cables), largest, loosen_upper=True)
+        least = -v
+        if least <= options.slack * float(np.mean(robot.t_max)):
+            slack = tuple(c for c, holds in zip(robot.cables, binding[0], strict=True) if holds)
+    margin = verdict.margin if hangs else float(capacity_margins(robot, point)[0])
+    curvature = _least_curvature(robot, point, verdict.tensions, options.rank) if balanced else None
+    return CableState(
+        robot, point[0], values, lost, hangs, balanced, least, slack, verdict.is_feasible, margin, curvature, options
+    )
+
+
+def _least_curvature(robot: CableRobot, point: Array, tensions: Array, rank: float) -> float | None:
+    """Give the least curvature of the energy along motions that keep all lengths [N/m]; None without such a motion.
+
+    In equilibrium the second variation along `dx`, with E dx the platform's twist and the tensions held, is
+    `-(E dx) . d(W t + w)`: to first order the tensions are the multipliers of the lengths.
+    """
+    functions = cable_functions(robot)
+    J = functions.length_rates(point)[0]
+    # angles count as lengths: one radian by the characteristic length
+    scale = np.array([1.0 if c in ("x", "y", "z") else robot.length_scale for c in robot.coordinates])
+    _, values, Vt = np.linalg.svd(J / scale)
+    free = Vt[int(np.sum(values > rank * values[0])) :].T / scale[:, None]
+    if free.shape[1] == 0:
+        return None
+    dW, dw = functions.derivatives(point)
+    change = np.einsum("dnx,n->dx", dW[0], tensions) + dw[0]
+    second = -free.T @ functions.twists(point)[0].T @ change @ free
+    return float(np.min(np.linalg.eigvalsh(0.5 * (second + second.T))))
