@@ -55,7 +55,7 @@ def gipo(
     trunk_height: float | None = None,
     swing: float = math.pi / 2,
     lift: float = 0.06,
-    depth: float = 0.0,
+    depth: float = 0.005,
     masses: Mapping[str, float] | None = None,
     velocity: float = 4.0,
     acceleration: float = 40.0,
@@ -80,7 +80,8 @@ def gipo(
             or 30 mm lower with `rear_hip=1`.
         swing: Largest angle of a servo to either side [rad].
         lift: Highest place of a foot above the ground [m].
-        depth: Deepest place of a foot below the ground at rest [m], above zero for supports that fall away.
+        depth: Deepest place of a foot below the ground at rest [m]; larger for supports that fall away. Not zero, since
+            a foot that comes off the ground begins within its range, and not at its end.
         masses: Masses of parts [kg] that differ from ours, by name: "trunk", "hip", "abduction" and "knee" of every
             leg, "neck 1", "neck 2", "head", "jaw", "tail". The source prints none, but that the centre of gravity is
             slightly towards the front; ours are plausible guesses, 1.36 kg in all, with the centre of each part in the

@@ -1,6 +1,7 @@
 """Legged machines: parallel robots whose feet stand on a support, come off it, and stand elsewhere."""
 
 from paraopt.modes.legged.balance import (
+    HeightCondition,
     StabilityCondition,
     SupportPolygon,
     build_centre,
@@ -9,25 +10,40 @@ from paraopt.modes.legged.balance import (
     measure_centre,
     measure_support,
 )
+from paraopt.modes.legged.certificate import LeggedCertificate, LeggedTolerances, verify_legged
 from paraopt.modes.legged.machine import Foot, LeggedMachine
+from paraopt.modes.legged.phases import PhaseTolerances, build_problems
+from paraopt.modes.legged.plan import LeggedPlan, PhasePlan, plan_legged
 from paraopt.modes.legged.supports import FrameSupport, PlaneSupport, Support, drop_onto, measure_height
 from paraopt.modes.legged.task import LeggedTask, Phase
+from paraopt.modes.legged.trajectory import LeggedTrajectory, PhaseMark
 
 __all__ = [
     "Foot",
     "FrameSupport",
+    "HeightCondition",
+    "LeggedCertificate",
     "LeggedMachine",
+    "LeggedPlan",
     "LeggedTask",
+    "LeggedTolerances",
+    "LeggedTrajectory",
     "Phase",
+    "PhaseMark",
+    "PhasePlan",
+    "PhaseTolerances",
     "PlaneSupport",
     "StabilityCondition",
     "Support",
     "SupportPolygon",
     "build_centre",
     "build_polygon",
+    "build_problems",
     "differentiate_centre",
     "drop_onto",
     "measure_centre",
     "measure_height",
     "measure_support",
+    "plan_legged",
+    "verify_legged",
 ]

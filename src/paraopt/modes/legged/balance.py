@@ -19,6 +19,7 @@ from paraopt.closure import ClosureGraph
 from paraopt.errors import DefinitionError
 from paraopt.kinematics.codegen import Backend, CompiledFunction
 from paraopt.modes.legged.machine import LeggedMachine
+from paraopt.modes.legged.supports import Support, measure_height
 
 Array = NDArray[np.float64]
 
@@ -203,6 +204,53 @@ class StabilityCondition:
         centre, slopes = differentiate_centre(self.machine, X)
         along = self.polygon.normals @ (slopes @ T)
         return self.polygon.distances(centre) / self.horizon, along / self.horizon
+
+
+@dataclass(frozen=True, eq=False)
+class HeightCondition:
+    """Keep lifted feet over what they will stand on: a condition of a refinement.
+
+    It is no condition of a `Problem`, whose barriers would keep the foot from ever touching the ground.
+
+    Attributes:
+        machine: The machine.
+        feet: Names of the feet.
+        support: What they must not enter.
+        depth: How deep they may be in it [m].
+        horizon: Height that counts as one [m].
+    """
+
+    machine: LeggedMachine
+    feet: Sequence[str]
+    support: Support
+    depth: float = 1e-7
+    horizon: float = 0.02
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name the feet."""
+        return tuple(f"height of foot {foot!r}" for foot in self.feet)
+
+    @property
+    def lower(self) -> Array:
+        """Give the lowest height over the horizon for each foot."""
+        return np.full(len(self.feet), -self.depth / self.horizon)
+
+    def values(self, X: Array) -> Array:
+        """Give the heights over the horizon, shape (n, n_feet)."""
+        points = self.machine.contacts(X)[0][:, self._places]
+        return measure_height(self.support, points) / self.horizon
+
+    def gradients(self, X: Array, T: Array) -> tuple[Array, Array]:
+        """Give them with their derivatives along the motions T; see `PathCondition`."""
+        points, slopes = self.machine.contact_slopes(X)
+        normals = self.support.tangent_plane(points[:, self._places])[1]
+        along = np.einsum("nfi,nfiv,nvm->nfm", normals, slopes[:, self._places], T)
+        return measure_height(self.support, points[:, self._places]) / self.horizon, along / self.horizon
+
+    @cached_property
+    def _places(self) -> list[int]:
+        return [self.machine.names.index(self.machine.foot(foot).name) for foot in self.feet]
 
 
 def measure_support(

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from paraopt.closure import ClosureGraph
 from paraopt.errors import DefinitionError, unknown_name
 from paraopt.kinematics.codegen import CompiledFunction
 from paraopt.mechanism import Mechanism, Series
@@ -167,15 +168,32 @@ class LeggedMachine:
         """Give the upright direction of every foot in the world, zero for feet on points; shape (n, n_feet, 3)."""
         return self._contacts.batch(np.atleast_2d(np.asarray(X, dtype=float)))[2].reshape(-1, len(self.feet), 3)
 
+    def contact_slopes(self, X: Array) -> tuple[Array, Array]:
+        """Give the points of contact at the ends of the legs, and their derivatives with respect to all variables.
+
+        Args:
+            X: Values of all variables, shape (n, n_variables).
+
+        Returns:
+            Points in the world [m], shape (n, n_feet, 3), and derivatives, shape (n, n_feet, 3, n_variables).
+        """
+        points = np.atleast_2d(np.asarray(X, dtype=float))
+        ends, slopes = self._contact_slopes.batch(points)
+        shape = (len(points), len(self.feet), 3)
+        return ends.reshape(shape), slopes.reshape(*shape, points.shape[1])
+
+    @cached_property
+    def _contact_slopes(self) -> CompiledFunction:
+        graph = self.robot.kinematics.graph
+        ends = ca.vertcat(*[_place(graph, foot.link, foot.point) for foot in self.feet])
+        function = ca.Function("paraopt_contact_slopes", [graph.X], [ends, ca.jacobian(ends, graph.X)], {"cse": True})
+        return CompiledFunction(function, self.robot.kinematics.functions.backend)
+
     @cached_property
     def _contacts(self) -> CompiledFunction:
         graph = self.robot.kinematics.graph
-
-        def place(link: str, point: Sequence[float]) -> ca.SX:
-            return graph.X_W[link][:3, :3] @ ca.DM(list(point)) + graph.X_W[link][:3, 3]
-
-        ends = [place(foot.link, foot.point) for foot in self.feet]
-        carriers = [place(str(foot.carrier), foot.carrier_point or (0.0, 0.0, 0.0)) for foot in self.feet]
+        ends = [_place(graph, foot.link, foot.point) for foot in self.feet]
+        carriers = [_place(graph, str(foot.carrier), foot.carrier_point or (0.0, 0.0, 0.0)) for foot in self.feet]
         uprights = [
             ca.SX.zeros(3) if foot.upright is None else graph.X_W[str(foot.carrier)][:3, :3] @ ca.DM(list(foot.upright))
             for foot in self.feet
@@ -185,6 +203,10 @@ class LeggedMachine:
         return CompiledFunction(
             ca.Function("paraopt_contacts", [graph.X], outputs, {"cse": True}), self.robot.kinematics.functions.backend
         )
+
+
+def _place(graph: ClosureGraph, link: str, point: Sequence[float]) -> ca.SX:
+    return graph.X_W[link][:3, :3] @ ca.DM(list(point)) + graph.X_W[link][:3, 3]
 
 
 def _find_motions(mechanism: Mechanism, name: str) -> list[str]:
