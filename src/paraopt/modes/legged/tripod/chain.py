@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from paraopt.kinematics import CompiledFunction
+from paraopt.modes.legged.tripod.frames import rotation_zyx
 from paraopt.modes.legged.tripod.geometry import LEGS, POSE, TripodGeometry, foot_names, leg_names, lock_names
-from paraopt.spatial import rotation_about
 
 Array = NDArray[np.float64]
 
@@ -39,13 +39,13 @@ def build_chain(geometry: TripodGeometry, leg: int, pose: ca.SX, foot: ca.SX) ->
 
     Source: Tripod, 1-8.
     """
-    R, turn = _rotation_zyx(pose), geometry.azimuth(leg)
+    R, turn = rotation_zyx(pose[3], pose[4], pose[5]), geometry.azimuth(leg)
     out, across = ca.DM([np.cos(turn), np.sin(turn), 0]), ca.DM([-np.sin(turn), np.cos(turn), 0])
     v_c = R @ out
     u = R @ across
     centre = pose[:3] + geometry.centre_radius * v_c
     d = geometry.half_width
-    R_a, A = _rotation_zyx(foot), foot[:3]
+    R_a, A = rotation_zyx(foot[3], foot[4], foot[5]), foot[:3]
     u_a, w_a = R_a[:, 0], R_a[:, 2]
     way = centre - A
     q4 = ca.norm_2(way)
@@ -66,10 +66,6 @@ def build_chain(geometry: TripodGeometry, leg: int, pose: ca.SX, foot: ca.SX) ->
         *jacks,
         *pivots,
     )
-
-
-def _rotation_zyx(pose: ca.SX) -> ca.SX:
-    return rotation_about("z", pose[5]) @ rotation_about("y", pose[4]) @ rotation_about("x", pose[3])
 
 
 def _unit(v: ca.SX) -> ca.SX:

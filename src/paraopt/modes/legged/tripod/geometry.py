@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError
+from paraopt.modes.legged.tripod.frames import read_angles, read_feet
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
@@ -115,6 +116,21 @@ class TripodGeometry:
             feet[i - 1, 5] = turn
         return feet
 
+    def rest_pose(self, feet: ArrayLike) -> Array:
+        """Give the pose of the platform that is to feet as at home, as nearly as they let it.
+
+        Args:
+            feet: Frames of the feet [m, rad], shape (3, 6).
+
+        Returns:
+            Where home goes under the rigid motion that brings the feet at home nearest to the feet, shape (6,).
+        """
+        there, home = read_feet(feet)[:, :3], self.home_feet[:, :3]
+        middle, origin = there.mean(axis=0), home.mean(axis=0)
+        U, _, V = np.linalg.svd((home - origin).T @ (there - middle))
+        R = V.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(V.T @ U.T))]) @ U.T
+        return np.concatenate([middle + R @ (self.home_pose[:3] - origin), read_angles(R)])
+
     @staticmethod
     def azimuth(leg: int) -> float:
         """Give the direction of a leg about the platform's axis, within half a turn [rad]."""
@@ -155,33 +171,3 @@ def leg_names(leg: int) -> tuple[str, ...]:
     """Name what the inverse model of a leg gives: q1 ... q6, both actuators, both pivots."""
     check_leg(leg)
     return (*(f"{q} {leg}" for q in CHAIN), *(f"q{s} {leg}" for s in SIDES), *(f"pivot {s} {leg}" for s in SIDES))
-
-
-def read_feet(feet: ArrayLike) -> Array:
-    """Read the frames of the three feet.
-
-    Args:
-        feet: x, y, z, alpha, beta, gamma of each foot [m, rad], shape (3, 6).
-
-    Returns:
-        A copy.
-
-    Raises:
-        DefinitionError: The shape is another one, or a value is not finite.
-    """
-    array = np.array(feet, dtype=float)
-    if array.shape != (3, 6) or not np.all(np.isfinite(array)):
-        raise DefinitionError(f"feet have shape {array.shape}; they must be three frames of six finite numbers")
-    return array
-
-
-def read_pose(pose: ArrayLike, what: str = "pose of the platform") -> Array:
-    """Read x, y, z, alpha, beta, gamma [m, rad], shape (6,).
-
-    Raises:
-        DefinitionError: There are not six finite numbers.
-    """
-    array = np.array(pose, dtype=float)
-    if array.shape != (6,) or not np.all(np.isfinite(array)):
-        raise DefinitionError(f"{what} has shape {array.shape}; it must be six finite numbers")
-    return array

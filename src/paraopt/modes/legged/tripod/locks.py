@@ -10,16 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from paraopt.errors import InfeasibleError
 from paraopt.kinematics import Kinematics
 from paraopt.modes.legged.tripod.chain import TripodModel
+from paraopt.modes.legged.tripod.frames import read_feet, read_frame, rotations
 from paraopt.modes.legged.tripod.geometry import (
     LEGS,
     POSE,
     check_leg,
     foot_names,
     lock_names,
-    read_feet,
-    read_pose,
 )
-from paraopt.spatial import rotation_about
 
 Array = NDArray[np.float64]
 
@@ -89,10 +87,10 @@ def report_locks(model: TripodModel, leg: int, pose: ArrayLike, feet: ArrayLike,
     Source: Tripod, 4.1.
     """
     check_leg(leg)
-    pose, feet = read_pose(pose), read_feet(feet)
+    pose, feet = read_frame(pose), read_feet(feet)
     B = model.locks(leg, pose, feet).B[0]
     _, values, V = np.linalg.svd(B)
-    R = _rotation(pose)
+    R = rotations(pose)[0]
     turn = model.geometry.azimuth(leg)
     way = (
         pose[:3] + R @ (model.geometry.centre_radius * np.array([np.cos(turn), np.sin(turn), 0.0])) - feet[leg - 1, :3]
@@ -102,7 +100,7 @@ def report_locks(model: TripodModel, leg: int, pose: ArrayLike, feet: ArrayLike,
     for k in LEGS:
         if k != leg:
             u = R @ np.array([-np.sin(model.geometry.azimuth(k)), np.cos(model.geometry.azimuth(k)), 0.0])
-            level = max(level, abs(float(u @ _rotation(feet[k - 1])[:, 2])))
+            level = max(level, abs(float(u @ rotations(feet[k - 1])[0, :, 2])))
     direction = V[-1] * np.sign(V[-1] @ along or 1.0)
     rank = int(np.count_nonzero(values > tolerance * values[0]))
     return LockReport(leg, pose, B, values, rank, direction, float(abs(V[-1] @ along)), level)
@@ -132,7 +130,8 @@ def check_locks(
         what = f"phase {phase!r}: " if phase else ""
         raise InfeasibleError(
             f"{what}foot {leg} cannot come off: the locks do not hold the platform (smallest singular value "
-            f"{report.smallest:.3g}, asked {margin:g}); {report.reason}. Tilt the platform first, about P_L P_R of leg {leg}",
+            f"{report.smallest:.3g}, asked {margin:g}); {report.reason}. Tilt the platform first, about "
+            f"P_L P_R of leg {leg}",
             report=report,
             leg=leg,
             margin=report.smallest,
@@ -177,7 +176,3 @@ def smallest_of_columns(kinematics: Kinematics, leg: int, X: ArrayLike) -> Array
     imposed = {*(n for i in LEGS for n in foot_names(i)), *lock_names(leg)}
     free = [i for i, n in enumerate(mechanism.names) if n not in imposed]
     return np.asarray(np.linalg.svd(E[:, :, free], compute_uv=False)[:, -1])
-
-
-def _rotation(pose: Array) -> Array:
-    return np.asarray(rotation_about("z", pose[5]) @ rotation_about("y", pose[4]) @ rotation_about("x", pose[3]))

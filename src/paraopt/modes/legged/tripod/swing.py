@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError, SolveError
 from paraopt.modes.legged.tripod.chain import TripodModel
-from paraopt.modes.legged.tripod.geometry import check_leg, read_feet, read_pose
-from paraopt.spatial import rotation_about
+from paraopt.modes.legged.tripod.frames import read_feet, read_frame, rotations
+from paraopt.modes.legged.tripod.geometry import check_leg
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Swing:
 
     def __post_init__(self) -> None:
         check_leg(self.leg)
-        feet, goal = read_feet(self.feet), read_pose(self.goal, f"new frame of foot {self.leg}")
+        feet, goal = read_feet(self.feet), read_frame(self.goal, f"new frame of foot {self.leg}")
         if not (np.isfinite(self.lift) and self.lift >= 0):
             raise DefinitionError(f"lift of foot {self.leg} is {self.lift} m; it must be finite and not negative")
         turn = goal[3:] - feet[self.leg - 1, 3:]
@@ -55,7 +55,7 @@ class Swing:
     @property
     def normal(self) -> Array:
         """Give the direction in which the foot is lifted, shape (3,)."""
-        n = _normal(self.start) + _normal(np.asarray(self.goal))
+        n = rotations([self.start, np.asarray(self.goal)])[:, :, 2].sum(axis=0)
         return np.asarray(n / np.linalg.norm(n))
 
     def frames(self, s: ArrayLike) -> Array:
@@ -107,7 +107,7 @@ def follow_swing(
     """
     s = np.linspace(0.0, 1.0, count)
     feet, whole = np.asarray(swing.feet), swing.all_frames(s)
-    poses = np.repeat(read_pose(pose)[None], count, axis=0)
+    poses = np.repeat(read_frame(pose)[None], count, axis=0)
     first = model.locks(swing.leg, poses[:1], feet)
     b, sign = first.b, np.sign(np.linalg.det(first.B[0]))
     for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
@@ -204,8 +204,3 @@ def fit_platform(
 def wrap(angle: Array) -> Array:
     """Bring differences of angles within half a turn [rad]."""
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _normal(frame: Array) -> Array:
-    R = rotation_about("z", frame[5]) @ rotation_about("y", frame[4]) @ rotation_about("x", frame[3])
-    return np.asarray(R)[:, 2]

@@ -12,14 +12,13 @@ from paraopt.errors import DefinitionError
 from paraopt.kinematics import Configuration
 from paraopt.modes.legged.machine import Foot, LeggedMachine
 from paraopt.modes.legged.tripod.chain import TripodModel, tripod_model
+from paraopt.modes.legged.tripod.frames import read_feet, read_frame
 from paraopt.modes.legged.tripod.geometry import (
     LEGS,
     POSE,
     TripodGeometry,
     foot_names,
     lock_names,
-    read_feet,
-    read_pose,
 )
 from paraopt.robot import Robot
 from paraopt.scene import Scene
@@ -94,7 +93,7 @@ class WalkingTripod:
         Raises:
             SolveError: The loops are open.
         """
-        return self.robot.kinematics.configuration(self.configurations(read_pose(pose), read_feet(feet))[0])
+        return self.robot.kinematics.configuration(self.configurations(read_frame(pose), read_feet(feet))[0])
 
     def read(self, configuration: Configuration) -> tuple[Array, Array]:
         """Read the pose of the platform (6,) and the frames of the feet (3, 6) off a configuration [m, rad]."""
