@@ -153,7 +153,7 @@ class CableFunctions:
                 length = ca.norm_2(span)
                 made.append((length, -span / length, ca.SX(ca.DM(exit_)), arm))
             else:
-                made.append((*_over_pulley(span, exit_, pulley), arm))
+                made.append((*lay_over_pulley(span, exit_, pulley), arm))
         return made
 
     def _as_wrench(self, force: ca.SX, moment: ca.SX) -> ca.SX:
@@ -246,7 +246,7 @@ def cable_functions(robot: CableRobot) -> CableFunctions:
     return CableFunctions(robot)
 
 
-def _over_pulley(span: ca.SX, exit_: Array, pulley: Pulley) -> tuple[ca.SX, ca.SX, ca.SX]:
+def lay_over_pulley(span: ca.SX, exit_: Array, pulley: Pulley) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Lay a cable over a pulley that swivels towards the attachment.
 
     In the wheel's plane (radial, axial) the cable comes in at (0, 0) along the axis, the centre is (r, 0), and after an
