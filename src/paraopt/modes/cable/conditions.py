@@ -39,7 +39,8 @@ class SquareConditions:
             object.__setattr__(self, key, read_number(getattr(self, key), f"{key} of the square", "m", above=0.0))
         if 2.0 * self.half_width >= self.side:
             raise DefinitionError(
-                f"the platform is {2.0 * self.half_width:g} m wide; it must be narrower than the square, {self.side:g} m"
+                f"the platform is {2.0 * self.half_width:g} m wide; it must be narrower than the square's side, "
+                f"{self.side:g} m"
             )
 
     def rotation_bounds(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:

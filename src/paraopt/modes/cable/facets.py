@@ -137,12 +137,12 @@ def facets_of(
     k, dof, n = matrices.shape
     _check_counts(dof, n)
     plan = _plan(dof, n)
-    scaled = np.ascontiguousarray(scale_moments(matrices.transpose(2, 0, 1), length).transpose(2, 0, 1))  # (dof, n, k)
+    weights = _weights(dof, length)[:, None, None]
     low, high = (np.broadcast_to(np.asarray(v, dtype=float), (n,))[:, None] for v in (t_min, t_max))
     normals, upper, lower = np.empty((k, plan.n_pairs, dof)), np.empty((k, plan.n_pairs)), np.empty((k, plan.n_pairs))
     for first in range(0, k, options.chunk):
         part = slice(first, min(first + options.chunk, k))
-        c, top, bottom = plan.evaluate(np.ascontiguousarray(scaled[:, :, part]), low, high, options.flat)
+        c, top, bottom = plan.evaluate(_poses_last(matrices[part], weights), low, high, options.flat)
         normals[part], upper[part], lower[part] = c.transpose(2, 1, 0), top.T, bottom.T
     return Facets(normals, upper, lower, plan.columns, length)
 
@@ -177,16 +177,16 @@ def capacity_margins(
         w = np.broadcast_to(np.asarray(wrench, dtype=float), (k, dof))
     plan = _plan(dof, n)
     length = robot.length_scale
-    scaled = np.ascontiguousarray(scale_moments(W.transpose(2, 0, 1), length).transpose(2, 0, 1))
+    weights = _weights(dof, length)[:, None, None]
     asked = np.ascontiguousarray(scale_moments(w, length).T)
     low, high = robot.t_min[:, None], robot.t_max[:, None]
     margins = np.empty(k)
     for first in range(0, k, options.chunk):
         part = slice(first, min(first + options.chunk, k))
-        margins[part] = plan.margin(np.ascontiguousarray(scaled[:, :, part]), asked[:, part], low, high, options.flat)
+        margins[part] = plan.margin(_poses_last(W[part], weights), asked[:, part], low, high, options.flat)
     lost = np.flatnonzero(np.isinf(margins))
     if lost.size:  # no hyperplane at all: the rank is below dof - 1
-        U = np.linalg.svd(scaled[:, :, lost].transpose(2, 0, 1))[0]
+        U = np.linalg.svd(W[lost] / weights[:, 0])[0]
         margins[lost] = -np.abs(np.einsum("kd,dk->k", U[:, :, -1], asked[:, lost]))
     return margins
 
@@ -274,19 +274,20 @@ def capacity_gradients(robot: CableRobot, poses: ArrayLike) -> tuple[Array, Arra
 class _Plan:
     """Hold the order in which minors are computed, each from smaller ones.
 
-    The minors of order m are taken over sets of rows that are the first m rows, or the first m + 1 but one: no others
-    are needed for the minors of dof - 1 rows. Each is expanded along the last of its rows, over its columns.
+    The minors of order m are taken over sets of rows that are the first m + 1 but one: no others are needed for the
+    minors of dof - 1 rows. Each is expanded along the last of its rows, over its columns; that is row m of all sets but
+    the last, whose last row is m - 1.
 
     Attributes:
         columns: Sets of dof - 1 columns, shape (n_pairs, dof - 1).
-        steps: For each order from 2 on, the last row of each set of rows; where each smaller set of rows is; the
-            columns of each set; where the smaller set of columns is, with the signs.
+        steps: For each order from 2 on, the columns of each set, and where the set without each of them is among those
+            of the order before, both of shape (order, n_sets).
         others: For each pair, the columns that do not span it, shape (n_pairs, n - dof + 1).
         signs: Signs of the components of a normal, shape (dof,).
     """
 
     columns: Index
-    steps: tuple[tuple[Index, Index, Index, Index, Array], ...]
+    steps: tuple[tuple[Index, Index], ...]
     others: Index
     signs: Array
 
@@ -297,10 +298,25 @@ class _Plan:
     def normals(self, W: Array) -> Array:
         """Give the vectors of minors for W of shape (dof, n, k); shape (dof, n_pairs, k)."""
         minors = W[1::-1]  # of order one, as the sets of rows come: without row 0, without row 1
-        for last, smaller, columns, without, signs in self.steps:
-            grown = np.zeros((len(last), len(columns), W.shape[2]))
-            for i in range(columns.shape[1]):
-                grown += signs[i] * W[last][:, columns[:, i]] * minors[smaller][:, without[:, i]]
+        for columns, without in self.steps:
+            order, n_sets = columns.shape
+            grown = np.empty((order + 1, n_sets, W.shape[2]))
+            smaller = np.empty((order, n_sets, W.shape[2]))
+            for i in range(order):
+                np.take(minors, without[i], axis=1, out=smaller, mode="clip")
+                factor = W[order, columns[i]]
+                last = W[order - 1, columns[i]] * smaller[-1]
+                np.multiply(smaller, factor, out=smaller)
+                if i == 0:
+                    first = (-1.0) ** (order - 1)
+                    np.multiply(smaller, first, out=grown[:-1])
+                    np.multiply(last, first, out=grown[-1])
+                elif (order - 1 + i) % 2 == 0:
+                    grown[:-1] += smaller
+                    grown[-1] += last
+                else:
+                    grown[:-1] -= smaller
+                    grown[-1] -= last
             minors = grown
         return np.asarray(minors * self.signs[:, None, None])
 
@@ -332,26 +348,12 @@ class _Plan:
 
 @lru_cache(maxsize=16)
 def _plan(dof: int, n: int) -> _Plan:
-    def row_sets(order: int) -> list[tuple[int, ...]]:
-        wide = range(order + 1)
-        return [tuple(r for r in wide if r != missing) for missing in wide]
-
     steps = []
     for order in range(2, dof):
-        smaller_rows = {rows: i for i, rows in enumerate(row_sets(order - 1))}
-        sets = row_sets(order)
-        smaller_columns = {c: i for i, c in enumerate(combinations(range(n), order - 1))}
-        columns = list(combinations(range(n), order))
-        without = [[smaller_columns[c[:i] + c[i + 1 :]] for i in range(order)] for c in columns]
-        steps.append(
-            (
-                np.array([rows[-1] for rows in sets]),
-                np.array([smaller_rows[rows[:-1]] for rows in sets]),
-                np.array(columns),
-                np.array(without),
-                np.array([(-1.0) ** (order - 1 + i) for i in range(order)]),
-            )
-        )
+        places = {c: i for i, c in enumerate(combinations(range(n), order - 1))}
+        sets = list(combinations(range(n), order))
+        without = [[places[c[:i] + c[i + 1 :]] for c in sets] for i in range(order)]
+        steps.append((np.array(sets).T.copy(), np.array(without)))
     spanning = list(combinations(range(n), dof - 1))
     others = [[j for j in range(n) if j not in s] for s in spanning]
     signs = np.array([(-1.0) ** (dof - 1 + i) for i in range(dof)])
@@ -375,6 +377,11 @@ def _scale_moments_along(values: Array, length: float) -> Array:
     """Divide the moments by a length where wrenches stand along the second axis, shape (k, dof, ...)."""
     weights = _weights(values.shape[1], length)
     return np.asarray(values / weights.reshape(1, -1, *[1] * (values.ndim - 2)))
+
+
+def _poses_last(W: Array, weights: Array) -> Array:
+    """Divide the moments by a length, and let the poses be the last axis, along which all is computed side by side."""
+    return np.ascontiguousarray(W.transpose(1, 2, 0)) / weights
 
 
 def _weights(dof: int, length: float) -> Array:
