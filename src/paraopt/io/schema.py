@@ -7,7 +7,7 @@ line of the type says which.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any
 
@@ -65,7 +65,7 @@ from paraopt.mechanism import (
 )
 from paraopt.mechanism.links import FREE_COORDINATES
 from paraopt.robot import PLATFORM_LIMITS, Limits, Robot
-from paraopt.shapes import Box, Capsule, Cone, ConvexPolyhedron, Cylinder, HalfSpace, Mesh, Sphere
+from paraopt.shapes import Box, Cable, Capsule, Cone, ConvexPolyhedron, Cylinder, HalfSpace, Mesh, Sphere
 from paraopt.spatial import AXES, segment_pose, transform
 
 POINT = Vector("length", (2, 3))
@@ -279,6 +279,10 @@ SHAPES = family(
 )
 
 
+# a cable is of one type only: no key says which
+CABLE = replace(record(Cable, ignore=Vector("length", (2,))), tag="")
+
+
 @dataclass(frozen=True)
 class Contacts:
     """Read pairs of links that may touch, each with its reason."""
@@ -356,6 +360,7 @@ ROBOT = Record(
         "facts": ByName(Whole()),
         "contacts": Contacts(),
         "shapes": ByName(Items(SHAPES, "an array of tables")),
+        "cables": Items(CABLE, "an array of tables"),
     },
 )
 OBSTACLES = Items(SHAPES, "an array of tables")

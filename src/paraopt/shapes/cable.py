@@ -94,7 +94,10 @@ def check_cables(given: Any, what: str) -> tuple[Cable, ...]:
     """
     if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
         raise DefinitionError(f"{what} are {given!r}; they must be a list of Cable")
-    cables = tuple(given)
+    try:
+        cables = tuple(given)
+    except TypeError as error:  # an array without dimension says that it is iterable
+        raise DefinitionError(f"{what} are {given!r}; they must be a list of Cable") from error
     for cable in cables:
         if not isinstance(cable, Cable):
             raise DefinitionError(f"{what} hold {cable!r}; each must be a Cable")
