@@ -105,7 +105,7 @@ class LeggedMachine:
             for link in (foot.link, str(foot.carrier)):
                 if link not in links:
                     raise unknown_name(f"link of foot {foot.name!r}", link, links)
-            moved_by = _find_motions(mechanism, str(foot.carrier))
+            moved_by = find_motions(mechanism, str(foot.carrier))
             if set(moved_by) != set(foot.variables):
                 raise DefinitionError(
                     f"carrier {foot.carrier!r} of foot {foot.name!r} is moved by {list(moved_by)}, but the foot names "
@@ -209,7 +209,7 @@ def _place(graph: ClosureGraph, link: str, point: Sequence[float]) -> ca.SX:
     return graph.X_W[link][:3, :3] @ ca.DM(list(point)) + graph.X_W[link][:3, 3]
 
 
-def _find_motions(mechanism: Mechanism, name: str) -> list[str]:
+def find_motions(mechanism: Mechanism, name: str) -> list[str]:
     """List the variables that move a link in the world, from the tree alone."""
     found: list[str] = []
     link = mechanism.link(name)

@@ -14,6 +14,7 @@ from paraopt.errors import DefinitionError, InfeasibleError, ParaoptError
 from paraopt.kinematics import Configuration
 from paraopt.kinematics.ranks import RANK_TOLERANCE, null_space
 from paraopt.modes.legged.balance import StabilityCondition, SupportPolygon, build_polygon, measure_centre
+from paraopt.modes.legged.machine import find_motions
 from paraopt.modes.legged.supports import measure_height
 from paraopt.modes.legged.task import LeggedTask, Phase
 from paraopt.planning import Problem
@@ -160,9 +161,16 @@ def check_stance(task: LeggedTask, phase: Phase, here: Configuration, tolerances
     machine = task.machine
     _, contacts = machine.contacts(here.X)
     uprights = machine.uprights(here.X)
-    for name in phase.standing:
-        k = machine.names.index(name)
+    for k, name in enumerate(machine.names):
         height = float(measure_height(task.support, contacts[0, k]))
+        if name not in phase.standing:
+            if not height >= -tolerances.support:
+                raise InfeasibleError(
+                    f"phase {phase.name!r}: {when} the lifted foot {name!r} is {-1e3 * height:.3f} mm in "
+                    f"{task.support.name!r}; keep it above",
+                    phase=phase, foot=name, height=height, configuration=here,
+                )  # fmt: skip
+            continue
         if not abs(height) <= tolerances.support:
             where = "above" if height > 0 else "below"
             raise InfeasibleError(
@@ -223,8 +231,8 @@ def check_lock(task: LeggedTask, phase: Phase, problem: Problem) -> None:
     evidence = {"phase": phase, "mobility": left, "margin": smallest, "configuration": start}
     if left < wanted:
         raise InfeasibleError(
-            f"{told}{left} motions are left, but {wanted} coordinates {coordinates} are to move; lock less, or move "
-            "fewer",
+            f"{told}{left or 'no'} motions are left, but {wanted} coordinates {coordinates} are to move; lock less, "
+            "or move fewer",
             **evidence,
         )
     asked = problem.margins.singularity
@@ -291,7 +299,8 @@ def _explain_reach(
     if worst is not None and goal is not None:
         unit = mechanism.variables[worst].unit
         told += (
-            f"the goal is out of the range of {mechanism.names[worst]!r}: {goal.X[worst]:.6g} {unit} is not in "
+            f"the goal is out of the range of {mechanism.names[worst]!r}{_of_leg(task, mechanism.names[worst])}: "
+            f"{goal.X[worst]:.6g} {unit} is not in "
             f"[{bounds[0][worst]:.6g}, {bounds[1][worst]:.6g}] {unit}"
         )
     else:
@@ -322,6 +331,12 @@ def _lifting(task: LeggedTask, phase: Phase) -> str:
 def _of_foot(task: LeggedTask, name: str) -> str:
     owner = next((foot.name for foot in task.machine.feet if name in foot.variables), None)
     return "" if owner is None else f" of foot {owner!r}"
+
+
+def _of_leg(task: LeggedTask, name: str) -> str:
+    """Say to which leg a joint belongs, if to one."""
+    owners = [foot.name for foot in task.machine.feet if name in find_motions(task.machine.robot.mechanism, foot.link)]
+    return f" in the leg of foot {owners[0]!r}" if len(owners) == 1 else ""
 
 
 def _scene(task: LeggedTask) -> Scene:
