@@ -101,7 +101,7 @@ class SupportPolygon:
         if not len(at) or len(at) != len(names):
             raise DefinitionError(f"a support polygon needs feet; given are {list(names)} at {len(at)} points")
         down = np.asarray(gravity, dtype=float) / np.linalg.norm(np.asarray(gravity, dtype=float))
-        flat = at @ _level_axes(down).T
+        flat = at @ level_axes(down).T
         order = _find_hull(flat)
         return cls(tuple(names[i] for i in order), at[order], down)
 
@@ -114,7 +114,7 @@ class SupportPolygon:
     @property
     def normals(self) -> Array:
         """Give the horizontal unit directions from each edge into the polygon, in the world, shape (n_edges, 3)."""
-        return self._sides[0] @ _level_axes(self.down)
+        return self._sides[0] @ level_axes(self.down)
 
     def distances(self, centre: ArrayLike) -> Array:
         """Measure how far points are inside each edge, seen along gravity.
@@ -128,7 +128,7 @@ class SupportPolygon:
             Signed distances [m], below zero outside the edge, shape (n, n_edges).
         """
         normals, levels, _ = self._sides
-        return np.atleast_2d(np.asarray(centre, dtype=float)) @ _level_axes(self.down).T @ normals.T - levels
+        return np.atleast_2d(np.asarray(centre, dtype=float)) @ level_axes(self.down).T @ normals.T - levels
 
     def margin(self, centre: ArrayLike) -> Array:
         """Measure the support margin: the distance to the boundary, below zero outside.
@@ -139,7 +139,7 @@ class SupportPolygon:
         Returns:
             Signed distances [m], shape (n,); over one or two feet never above zero.
         """
-        flat = np.atleast_2d(np.asarray(centre, dtype=float)) @ _level_axes(self.down).T
+        flat = np.atleast_2d(np.asarray(centre, dtype=float)) @ level_axes(self.down).T
         corners = self._sides[2]
         steps = np.roll(corners, -1, axis=0) - corners
         share = np.sum((flat[:, None] - corners) * steps, axis=2) / np.maximum(np.sum(steps**2, axis=1), 1e-300)
@@ -152,7 +152,7 @@ class SupportPolygon:
     @cached_property
     def _sides(self) -> tuple[Array, Array, Array]:
         """Give inner normals of the edges (k, 2), their levels (k,), and the corners (k, 2), all seen along gravity."""
-        corners = self.points @ _level_axes(self.down).T
+        corners = self.points @ level_axes(self.down).T
         if len(corners) < 2:
             return np.zeros((0, 2)), np.zeros(0), corners
         steps = np.roll(corners, -1, axis=0) - corners
@@ -311,7 +311,7 @@ def _centre_functions(graph: ClosureGraph, links: tuple[str, ...], backend: Back
     )
 
 
-def _level_axes(down: Array) -> Array:
+def level_axes(down: Array) -> Array:
     """Give two unit directions across gravity, right-handed seen from above, shape (2, 3); x and y where it is -z."""
     up = -down
     first = np.eye(3)[int(np.argmin(np.abs(up)))] if abs(up[0]) > 0.9 else np.array([1.0, 0.0, 0.0])
