@@ -1,7 +1,9 @@
 """Robots held by cables: the model, tensions, wrench-feasible poses, and their margins along motions."""
 
+from paraopt.modes.cable.balance import build_hanging, name_tension, read_hanging
 from paraopt.modes.cable.conditions import SquareConditions
 from paraopt.modes.cable.distribution import TensionBatch, distribute_batch, dynamic_tensions
+from paraopt.modes.cable.equilibrium import find_equilibria, find_equilibrium, judge_stability
 from paraopt.modes.cable.facets import (
     FacetOptions,
     Facets,
@@ -11,6 +13,7 @@ from paraopt.modes.cable.facets import (
     has_wrench_closure,
     is_wrench_feasible,
 )
+from paraopt.modes.cable.hanging import Equilibria, EquilibriumOptions, HangingPose, Stability
 from paraopt.modes.cable.margin import TensionMargin
 from paraopt.modes.cable.model import PLATFORM, CableRobot
 from paraopt.modes.cable.sag import Sag, estimate_sag
@@ -28,18 +31,23 @@ __all__ = [
     "CableState",
     "CableWorkspace",
     "Drum",
+    "Equilibria",
+    "EquilibriumOptions",
     "FacetOptions",
     "Facets",
     "Feasibility",
+    "HangingPose",
     "Pulley",
     "Sag",
     "SquareConditions",
+    "Stability",
     "StateOptions",
     "TensionBatch",
     "TensionLimits",
     "TensionMargin",
     "Tensions",
     "WinchLimits",
+    "build_hanging",
     "cable_functions",
     "capacity_gradients",
     "capacity_margins",
@@ -49,8 +57,13 @@ __all__ = [
     "distribute_batch",
     "dynamic_tensions",
     "estimate_sag",
+    "find_equilibria",
+    "find_equilibrium",
     "has_wrench_closure",
     "is_wrench_feasible",
+    "judge_stability",
     "map_workspace",
+    "name_tension",
+    "read_hanging",
     "report_cable_state",
 ]
