@@ -150,7 +150,7 @@ def _draw_slice(axes: Any, workspace: CableWorkspace, margins: Array) -> Any:
 
     x, y = workspace.axes["x"], workspace.axes["y"]
     top = float(np.max(workspace.margins))
-    ticks = MaxNLocator(nbins=9).tick_values(workspace.margin, max(top, workspace.margin + 1e-9))
+    ticks = np.asarray(MaxNLocator(nbins=9).tick_values(workspace.margin, max(top, workspace.margin + 1e-9)))
     levels = np.append(workspace.margin, ticks[ticks > workspace.margin])
     colors = LinearSegmentedColormap.from_list("margin", SHADES)
     shades = axes.contourf(x, y, margins.T, levels=levels, cmap=colors, extend="neither")

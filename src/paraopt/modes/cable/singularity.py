@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError
+from paraopt.modes.cable.equilibrium import EquilibriumOptions, Stability, judge_stability
 from paraopt.modes.cable.facets import capacity_margins, scale_moments
 from paraopt.modes.cable.model import CableRobot
 from paraopt.modes.cable.statics import check_feasibility, spread_evenly
 from paraopt.modes.cable.wrench import cable_functions
+
+logger = logging.getLogger("paraopt")
 
 Array = NDArray[np.float64]
 
@@ -23,7 +27,7 @@ class StateOptions:
     Attributes:
         rank: Singular value of the scaled wrench matrix, over the largest, below which rank is lost [1].
         slack: Tension below which a cable counts as slack, as a share of the mean largest tension [1].
-        stability: Least curvature of the energy that counts as stable, as a share of weight times length [1].
+        stability: Least curvature of the energy that counts as stable, over weight times length [1].
     """
 
     rank: float = 1e-9
@@ -53,8 +57,8 @@ class CableState:
         slack: Names of the cables that keep it from growing, where it is not above zero.
         feasible: Whether tensions within their limits balance them.
         margin: Capacity margin [N] where there are enough cables; else the least distance of a tension to a limit.
-        curvature: Least curvature of the energy along motions that keep the lengths [N/m]; None where none is left, or
-            where the platform is not balanced.
+        stability: Second variation of the energy along motions that keep the lengths; None where there is no such
+            motion, where the platform is not balanced, or where weight and load have no energy.
         options: What counts as singular.
     """
 
@@ -68,25 +72,13 @@ class CableState:
     slack: tuple[str, ...]
     feasible: bool
     margin: float
-    curvature: float | None
+    stability: Stability | None
     options: StateOptions
 
     @property
     def loses_rank(self) -> bool:
         """Tell whether W has less rank than the number of cables and of freedoms allow."""
         return len(self.lost) > self.robot.dof - len(self.singular_values)
-
-    @property
-    def is_stable(self) -> bool | None:
-        """Tell whether the platform returns when disturbed; None where it is not balanced.
-
-        Where the lengths leave no motion, it does as long as the cables are taut.
-        """
-        if not self.balanced or not self.feasible:
-            return None
-        if self.curvature is None:
-            return True
-        return self.curvature > self.options.stability * self._stiffness
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -106,8 +98,9 @@ class CableState:
                 found.append(f"the tension of cable {cable!r} reaches zero")
         if self.balanced and not self.feasible:
             found.append(f"no tensions within their limits balance weight and load (margin {self.margin:.4g} N)")
-        if self.is_stable is False:
-            found.append(f"the equilibrium is not stable: the energy's least curvature is {self.curvature:.4g} N/m")
+        if self.stability is not None and self.feasible and not self.stability.is_stable:
+            least = f"the energy's least curvature is {self.stability.least:.4g} of weight times length"
+            found.append(f"the equilibrium is {self.stability.verdict}: {least}")
         return tuple(found)
 
     @property
@@ -118,10 +111,6 @@ class CableState:
     @property
     def _slack_level(self) -> float:
         return self.options.slack * float(np.mean(self.robot.t_max))
-
-    @property
-    def _stiffness(self) -> float:
-        return max(self.robot.weight, 1e-9 * float(np.max(self.robot.t_max))) / self.robot.length_scale
 
     def __str__(self) -> str:
         heading = f"{self.robot.name}: least singular value {self.singular_values[-1]:.4g}, margin {self.margin:.4g} N"
@@ -166,27 +155,18 @@ def report_cable_state(robot: CableRobot, pose: ArrayLike, options: StateOptions
         if least <= options.slack * float(np.mean(robot.t_max)):
             slack = tuple(c for c, holds in zip(robot.cables, binding[0], strict=True) if holds)
     margin = verdict.margin if hangs else float(capacity_margins(robot, point)[0])
-    curvature = _least_curvature(robot, point, verdict.tensions, options.rank) if balanced else None
+    stability = None
+    if balanced and rank < robot.dof:
+        stability = _judge(robot, point[0], verdict.tensions, options.stability)
     return CableState(
-        robot, point[0], values, lost, hangs, balanced, least, slack, verdict.is_feasible, margin, curvature, options
+        robot, point[0], values, lost, hangs, balanced, least, slack, verdict.is_feasible, margin, stability, options
     )
 
 
-def _least_curvature(robot: CableRobot, point: Array, tensions: Array, rank: float) -> float | None:
-    """Give the least curvature of the energy along motions that keep all lengths [N/m]; None without such a motion.
-
-    In equilibrium the second variation along `dx`, with E dx the platform's twist and the tensions held, is
-    `-(E dx) . d(W t + w)`: to first order the tensions are the multipliers of the lengths.
-    """
-    functions = cable_functions(robot)
-    J = functions.length_rates(point)[0]
-    # angles count as lengths: one radian by the characteristic length
-    scale = np.array([1.0 if c in ("x", "y", "z") else robot.length_scale for c in robot.coordinates])
-    _, values, Vt = np.linalg.svd(J / scale)
-    free = Vt[int(np.sum(values > rank * values[0])) :].T / scale[:, None]
-    if free.shape[1] == 0:
+def _judge(robot: CableRobot, point: Array, tensions: Array, tolerance: float) -> Stability | None:
+    """Judge the stability by the energy; None where weight and load have none."""
+    try:
+        return judge_stability(robot, point, tensions, EquilibriumOptions(stability=tolerance))
+    except DefinitionError as error:
+        logger.info("stability of %r is not judged: %s", robot.name, error)
         return None
-    dW, dw = functions.derivatives(point)
-    change = np.einsum("dnx,n->dx", dW[0], tensions) + dw[0]
-    second = -free.T @ functions.twists(point)[0].T @ change @ free
-    return float(np.min(np.linalg.eigvalsh(0.5 * (second + second.T))))
