@@ -1,9 +1,11 @@
 """Look at a robot and its motion: a page that plays it, and figures of what happens along it."""
 
-from paraopt.view.content import Body, PathLine, Readout
+from paraopt.view.content import Body, CableLine, Mark, PathLine, Phase, Readout
 from paraopt.view.figures import draw_actuators, draw_margins, draw_series, save_figure
+from paraopt.view.legged_figures import draw_balance, draw_footfalls, draw_support_margin
+from paraopt.view.legged_filmstrip import draw_filmstrip
 from paraopt.view.link_graph import draw_link_graph
-from paraopt.view.motion import draw_motion, list_page_bodies, write_motion_page
+from paraopt.view.motion import draw_motion, list_page_bodies, list_page_cables, mark_link, write_motion_page
 from paraopt.view.page import build_page, write_page
 from paraopt.view.path_figure import draw_path
 from paraopt.view.robot_figure import draw_robot
@@ -11,10 +13,16 @@ from paraopt.view.search_figure import draw_search
 
 __all__ = [
     "Body",
+    "CableLine",
+    "Mark",
     "PathLine",
+    "Phase",
     "Readout",
     "build_page",
     "draw_actuators",
+    "draw_balance",
+    "draw_filmstrip",
+    "draw_footfalls",
     "draw_link_graph",
     "draw_margins",
     "draw_motion",
@@ -22,7 +30,10 @@ __all__ = [
     "draw_robot",
     "draw_search",
     "draw_series",
+    "draw_support_margin",
     "list_page_bodies",
+    "list_page_cables",
+    "mark_link",
     "save_figure",
     "write_motion_page",
     "write_page",
