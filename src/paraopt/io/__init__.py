@@ -2,11 +2,13 @@
 
 from paraopt.io.description import load_mechanism, load_obstacles, load_robot, save_mechanism, save_robot
 from paraopt.io.files import write_atomically
+from paraopt.io.legged import build_legged_report, tabulate_legged, write_legged_trajectory
 from paraopt.io.report import build_report, describe, write_report
 from paraopt.io.tables import Table, read_trajectory, write_trajectory
 
 __all__ = [
     "Table",
+    "build_legged_report",
     "build_report",
     "describe",
     "load_mechanism",
@@ -15,7 +17,9 @@ __all__ = [
     "read_trajectory",
     "save_mechanism",
     "save_robot",
+    "tabulate_legged",
     "write_atomically",
+    "write_legged_trajectory",
     "write_report",
     "write_trajectory",
 ]

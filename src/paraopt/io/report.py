@@ -90,12 +90,7 @@ def build_report(
             "straight motion": seed.straight_reason,
         },
         "options": describe(options),
-        "versions": {
-            **{name: _version(name) for name in PACKAGES},
-            "python": platform.python_version(),
-            "machine": f"{platform.system()} {platform.machine()}",
-            "compiled": find_compiler() is not None,
-        },
+        "versions": list_versions(),
         "timings [s]": describe(timings),
         "result": {
             "duration [s]": trajectory.duration,
@@ -113,6 +108,16 @@ def build_report(
             "period [s]": certificate.period,
             "checks": [describe(check) for check in certificate.checks],
         },
+    }
+
+
+def list_versions() -> dict[str, Any]:
+    """List the versions of what a result depends on, by name, and the kind of machine."""
+    return {
+        **{name: _version(name) for name in PACKAGES},
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "compiled": find_compiler() is not None,
     }
 
 

@@ -7,6 +7,7 @@ import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from paraopt.errors import DefinitionError, unknown_name
 from paraopt.io.files import write_atomically
 from paraopt.mechanism import Variable
 from paraopt.planning import State, Trajectory
+from paraopt.robot import Robot
 
 _ROLES = ("active", "operational", "passive")
 
@@ -37,7 +39,14 @@ class Table:
         return self.values[:, self.columns.index(column)]
 
 
-def tabulate(trajectory: Trajectory, state: State) -> Table:
+class _Machine(Protocol):
+    """Whatever has a robot."""
+
+    @property
+    def robot(self) -> Robot: ...
+
+
+def tabulate(trajectory: _Machine, state: State) -> Table:
     """Arrange samples of a trajectory: time, then active, operational and passive variables.
 
     Args:
@@ -71,7 +80,19 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], perio
     Raises:
         DefinitionError: The period is not finite and above 0.
     """
-    table = tabulate(trajectory, trajectory.sample(period))
+    return write_table(tabulate(trajectory, trajectory.sample(period)), path)
+
+
+def write_table(table: Table, path: str | os.PathLike[str]) -> Path:
+    """Write a table as CSV, every number with all its digits.
+
+    Args:
+        table: The table.
+        path: Target file.
+
+    Returns:
+        The target.
+    """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(table.columns)
