@@ -107,7 +107,8 @@ def tripod(
             home |= {f"pivot {side} {i}": 0.0}
             body, rod = _actuator_solids(geometry, sign)
             shapes |= {f"actuator {side} {i}": [body], f"rod {side} {i}": [rod]}
-            contacts[f"foot {i}", f"rod {side} {i}"] = "the rod stays in the body above the foot"
+            contacts[f"foot {i}", f"rod {side} {i}"] = "the rod stays in its body, above the foot"
+        shapes[f"end {i}"] = _bracket_solids(geometry, i)
         shapes[f"foot {i}"] = [Cylinder.between((0, 0, -SOLE), (0, 0, 0.3 * SOLE), radius=1.6 * SOLE)]
         contacts["base", f"foot {i}"] = "the foot stands on the ground"
         for one, other in (("actuator L", "rod R"), ("rod L", "actuator R"), ("rod L", "rod R")):
@@ -148,13 +149,22 @@ def _platform_solids(geometry: TripodGeometry) -> list[Shape]:
     ]
 
 
+def _bracket_solids(geometry: TripodGeometry, i: int) -> list[Shape]:
+    """Give the axle from P_L to P_R and the arm that holds it on the platform."""
+    d, inwards = geometry.half_width, -0.25 * geometry.centre_radius
+    return [
+        Capsule.between((0, -d, 0), (0, d, 0), radius=0.7 * BODY, name=f"axle {i}"),
+        Capsule.between((inwards, 0, 0), (0, 0, 0), radius=0.7 * BODY, name=f"arm {i}"),
+    ]
+
+
 def _actuator_solids(geometry: TripodGeometry, sign: int) -> tuple[Shape, Shape]:
     """Give the body and the rod of an actuator, aside of the leg's plane by a radius and some play."""
     shortest, longest = geometry.stroke
     aside = sign * 1.1 * BODY
-    above = 1.5 * BODY  # the body's end and the rod's, at the shortest, keep off the ground under a leaning leg
-    top = shortest - 0.5 * BODY
-    body = Capsule.between((aside, 0, above + BODY), (aside, 0, top), radius=BODY)
+    # both ends of the body keep off: from the ground under a leaning leg, from the axle at the shortest
+    bottom, top = 2.5 * BODY, shortest - 2.75 * BODY
+    body = Capsule.between((aside, 0, bottom), (aside, 0, top), radius=BODY)
     rod = Capsule.between((aside, 0, top - BODY - longest), (aside, 0, 0), radius=0.5 * BODY)
     return body, rod
 

@@ -1,6 +1,7 @@
 """The tripod that walks and machines: closed forms, locks, lock poses, swings, steps, ways of the tool."""
 
 from paraopt.modes.legged.tripod.chain import LockState, TripodModel, build_chain, tripod_model
+from paraopt.modes.legged.tripod.foot_way import check_foot_way
 from paraopt.modes.legged.tripod.frames import move_frames, tilt_frame
 from paraopt.modes.legged.tripod.geometry import (
     LEGS,
@@ -42,6 +43,7 @@ __all__ = [
     "build_chain",
     "build_scenario",
     "build_step_task",
+    "check_foot_way",
     "check_locks",
     "check_machining",
     "find_lock_pose",

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
 
-from paraopt.errors import DefinitionError, InfeasibleError, ParaoptError, SolveError
+from paraopt.errors import DefinitionError, InfeasibleError, SolveError
+from paraopt.modes.legged.tripod.foot_way import check_foot_way
 from paraopt.modes.legged.tripod.frames import read_frame, tilt_frame
 from paraopt.modes.legged.tripod.swing import Swing
 from paraopt.modes.legged.tripod.swing_state import SwingState
@@ -26,6 +27,7 @@ class LockPoseOptions:
         lock_margin: Smallest singular value of the locks' matrix that is accepted [1].
         clearance: Distance that checked bodies keep over the swing [m].
         standing_margin: Distance to parallel singularities on three feet, before and after the swing [1].
+        swing_margin: Distance to parallel singularities during the swing [1]; poses that do not keep it are left out.
         stroke_margin: Distance that lengths keep from the ends of their ranges [m].
         angle_margin: Distance that angles keep from the ends of their ranges [rad].
         count: Number of instants of the swing.
@@ -42,6 +44,7 @@ class LockPoseOptions:
     lock_margin: float = 0.02
     clearance: float = 0.006
     standing_margin: float = 0.08
+    swing_margin: float = 0.06
     stroke_margin: float = 0.004
     angle_margin: float = 0.02
     count: int = 13
@@ -55,7 +58,7 @@ class LockPoseOptions:
     penalty: float = 2.0
 
     def __post_init__(self) -> None:
-        for name in ("lock_margin", "clearance", "standing_margin", "stroke_margin", "angle_margin"):
+        for name in ("lock_margin", "clearance", "standing_margin", "swing_margin", "stroke_margin", "angle_margin"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise DefinitionError(f"{name} of a lock pose is {value}; it must be finite and not negative")
@@ -118,11 +121,12 @@ def find_lock_pose(
         The best pose.
 
     Raises:
-        InfeasibleError: No start led to a pose that holds all bounds. Evidence: "shortfall" and "state" of the nearest
+        InfeasibleError: No start led to a pose that holds all bounds. Evidence: "margin" and "state" of the nearest
             one, where there is any.
     """
     options = options or LockPoseOptions()
     near = read_frame(near)
+    check_foot_way(walker, swing, options.clearance, phase)
     rng = np.random.default_rng(options.seed)
     width = np.repeat(options.spread, 3)
     azimuth = walker.geometry.azimuth(swing.leg)
@@ -130,45 +134,58 @@ def find_lock_pose(
     starts += list(near + rng.uniform(-1, 1, size=(options.starts - len(starts), 6)) * width)
     climbs: list[_Climb] = []
     found, reasons, iterations = [], [], 0
-    for start in starts:
+    for begin in starts:
         try:
-            climb = _climb(walker, swing, start, options)
-        except ParaoptError as error:
+            climb = _climb(walker, swing, begin, options)
+        except SolveError as error:  # from there the locks do not carry the platform through the swing
             reasons.append(str(error))
             found.append(float("nan"))
             continue
         iterations += climb.iterations
         climbs.append(climb)
         found.append(climb.state.smallest if climb.bounds.shortfall <= options.feasibility else float("nan"))
-    good = [c for c in climbs if c.bounds.shortfall <= options.feasibility and c.state.smallest >= options.lock_margin]
-    if good:
-        top, here = max(c.state.smallest for c in good), near if start is None else read_frame(start)
-        best = min(
-            (c for c in good if c.state.smallest >= 0.99 * top),
-            key=lambda c: float(np.linalg.norm((c.state.pose - here) / walker.model.scale)),
-        )
-        return LockPose(best.state, iterations, tuple(found), best.bounds.active)
-    where = f"phase {phase!r}: " if phase else ""
-    nearest = min(climbs, key=lambda c: c.bounds.shortfall, default=None)
-    if nearest is None:
+    holding = [c for c in climbs if c.bounds.shortfall <= options.feasibility]
+    steered = [c for c in holding if float(np.min(c.state.swing_margins())) >= options.swing_margin]
+    good = [c for c in steered if c.state.smallest >= options.lock_margin]
+    if not good:
+        where = f"phase {phase!r}: " if phase else ""
+        told, margin, nearest = _explain(climbs, holding, steered, options, reasons)
         raise InfeasibleError(
-            f"{where}foot {swing.leg} cannot reach its new frame from any of {options.starts} poses: {reasons[0]}",
-            leg=swing.leg,
+            f"{where}foot {swing.leg} cannot {told}", leg=swing.leg, margin=margin, state=nearest and nearest.state
         )
-    if nearest.bounds.shortfall > options.feasibility:
-        raise InfeasibleError(
-            f"{where}foot {swing.leg} cannot reach its new frame: {nearest.bounds.worst}; place it nearer",
-            leg=swing.leg,
-            shortfall=nearest.bounds.shortfall,
-            state=nearest.state,
-        )
-    raise InfeasibleError(
-        f"{where}foot {swing.leg} cannot come off: the best lock pose holds the platform with a smallest singular "
-        f"value of {nearest.state.smallest:.3g}, asked {options.lock_margin:g}",
-        leg=swing.leg,
-        margin=nearest.state.smallest,
-        state=nearest.state,
+    top, here = max(c.state.smallest for c in good), near if start is None else read_frame(start)
+    best = min(
+        (c for c in good if c.state.smallest >= 0.99 * top),
+        key=lambda c: float(np.linalg.norm((c.state.pose - here) / walker.model.scale)),
     )
+    return LockPose(best.state, iterations, tuple(found), best.bounds.active)
+
+
+def _explain(
+    climbs: Sequence[_Climb],
+    holding: Sequence[_Climb],
+    steered: Sequence[_Climb],
+    options: LockPoseOptions,
+    reasons: Sequence[str],
+) -> tuple[str, float, _Climb | None]:
+    """Say what no pose could do, with the margin of the nearest one and that one."""
+    if not climbs:
+        return f"reach its new frame from any of {options.starts} poses: {reasons[0]}", float("nan"), None
+    if not holding:
+        nearest = min(climbs, key=lambda c: c.bounds.shortfall)
+        return f"reach its new frame: {nearest.bounds.worst}; place it nearer", -nearest.bounds.shortfall, nearest
+    if not steered:
+        nearest = max(holding, key=lambda c: float(np.min(c.state.swing_margins())))
+        margin = float(np.min(nearest.state.swing_margins()))
+        return (
+            "be led by the actuators with the joints locked: the distance to singularities over its swing is "
+            f"{margin:.3g}, asked {options.swing_margin:g}"
+        ), margin, nearest  # fmt: skip
+    nearest = max(steered, key=lambda c: c.state.smallest)
+    return (
+        "come off: the best lock pose holds the platform with a smallest singular value of "
+        f"{nearest.state.smallest:.3g}, asked {options.lock_margin:g}"
+    ), nearest.state.smallest, nearest  # fmt: skip
 
 
 # --- One climb
