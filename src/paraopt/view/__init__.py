@@ -4,6 +4,7 @@ from paraopt.view.content import Body, CableLine, Mark, PathLine, Phase, Readout
 from paraopt.view.figures import draw_actuators, draw_margins, draw_series, save_figure
 from paraopt.view.legged_figures import draw_balance, draw_footfalls, draw_support_margin
 from paraopt.view.legged_filmstrip import draw_filmstrip
+from paraopt.view.legged_motion import draw_legged, list_page_phases, save_legged, write_legged_page
 from paraopt.view.link_graph import draw_link_graph
 from paraopt.view.motion import draw_motion, list_page_bodies, list_page_cables, mark_link, write_motion_page
 from paraopt.view.page import build_page, write_page
@@ -23,6 +24,7 @@ __all__ = [
     "draw_balance",
     "draw_filmstrip",
     "draw_footfalls",
+    "draw_legged",
     "draw_link_graph",
     "draw_margins",
     "draw_motion",
@@ -33,8 +35,11 @@ __all__ = [
     "draw_support_margin",
     "list_page_bodies",
     "list_page_cables",
+    "list_page_phases",
     "mark_link",
     "save_figure",
+    "save_legged",
+    "write_legged_page",
     "write_motion_page",
     "write_page",
 ]
