@@ -95,8 +95,8 @@ class Coupling(Closure):
         for other in ("length", "angle", "force"):
             if other != kind and getattr(self, other) != 0.0:
                 raise DefinitionError(
-                    f"{self.name!r} relates variables of kind {kind}, but its constant is a {other}, "
-                    f"{getattr(self, other)}; state {kind!r}"
+                    f"{self.name!r} relates variables of kind {kind}, but states {other!r}, "
+                    f"{getattr(self, other)}; its constant is {kind!r}"
                 )
         return kind
 
