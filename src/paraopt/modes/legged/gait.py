@@ -1,0 +1,322 @@
+"""Gaits found by optimisation: the trunk's way that keeps the machine farthest from tipping over, or is run fastest."""
+
+from __future__ import annotations
+
+import itertools
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from paraopt.errors import DefinitionError, InfeasibleError
+from paraopt.modes.legged.balance import level_axes
+from paraopt.modes.legged.gait_fault import explain_fault, name_worst
+from paraopt.modes.legged.gait_model import GaitModel
+from paraopt.modes.legged.gait_motion import Gait, GaitPhase, PhaseSamples
+from paraopt.modes.legged.gait_options import GaitOptions
+from paraopt.modes.legged.gait_program import Answer, GaitProgram, ProgramShape
+from paraopt.modes.legged.gait_steps import Footfalls
+from paraopt.modes.legged.gait_table import CONTROL, PhaseTable, bernstein, run_law
+from paraopt.spatial import finite_vector
+
+Array = NDArray[np.float64]
+DOWN = (0.0, 0.0, -1.0)
+
+# one program per machine and shape: building it costs more than running it
+_programs: weakref.WeakKeyDictionary[GaitModel, dict[tuple[ProgramShape, GaitOptions], GaitProgram]] = (
+    weakref.WeakKeyDictionary()
+)
+
+
+@dataclass(frozen=True)
+class Aim:
+    """State what a gait is found for.
+
+    Attributes:
+        best: "margin" for the largest smallest support margin, "speed" for the shortest time of the steps.
+        margin: Smallest support margin that a fast gait keeps [m].
+        pace: Longest time of a cycle, or of the whole gait where there is none, over the factor of the steps [s]; for
+            the largest margin at some speed.
+        scale: Least and largest factor of the steps, where they may be scaled.
+
+    Raises:
+        DefinitionError: A number is outside its range.
+    """
+
+    best: Literal["margin", "speed"] = "margin"
+    margin: float = 0.005
+    pace: float | None = None
+    scale: tuple[float, float] = (1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if self.best not in ("margin", "speed"):
+            raise DefinitionError(f"a gait is best in {self.best!r}; it must be 'margin' or 'speed'")
+        if not np.isfinite(self.margin):
+            raise DefinitionError(f"support margin of the aim is {self.margin!r} m; it must be finite")
+        if self.pace is not None and not (np.isfinite(self.pace) and self.pace > 0):
+            raise DefinitionError(f"pace of the aim is {self.pace!r} s; it must be finite and above 0, or None")
+        low, high = self.scale
+        if not 0 < low <= high < np.inf:
+            raise DefinitionError(f"factors of the steps are {self.scale}; they must be 0 < least <= largest")
+
+    @property
+    def is_timed(self) -> bool:
+        """Tell whether time is part of the aim."""
+        return self.best == "speed" or self.pace is not None
+
+
+def find_gait(
+    falls: Footfalls, options: GaitOptions | None = None, gravity: ArrayLike = DOWN, aim: Aim | None = None
+) -> Gait:
+    """Find the trunk's way for given footfalls.
+
+    For the margin, a first program looks for the largest smallest support margin, a second one for the smallest motion
+    that keeps nearly all of it. For speed, the times of the phases are found with the way. The gait is then looked at
+    more densely, with the loops closed anew; where the margin dips between the samples they are doubled.
+
+    Args:
+        falls: Which foot is lifted when, and to where.
+        options: What may move, and how it is looked at.
+        gravity: Direction of gravity, in the frame of the footholds.
+        aim: What is best.
+
+    Returns:
+        The gait.
+
+    Raises:
+        InfeasibleError: A foothold is out of reach, or a lift leaves no margin; the message names the phase, the foot
+            and the value.
+
+    Source: McGheeFrank1968; HettichKortanek1993, discretisation.
+    """
+    options, aim = options or GaitOptions(), aim or Aim()
+    down = np.array(finite_vector(gravity, 3, "direction of gravity"))
+    if not np.any(down):
+        raise DefinitionError("direction of gravity is zero; it must be a direction")
+    down = down / np.linalg.norm(down)
+    samples = options.samples
+    for attempt in range(options.refinements + 1):
+        gait, answer = _solve(falls, options, down, aim, samples)
+        looked = gait.sample((samples - 1) * options.density + 1)
+        dip = answer.margin - min(found.bound for found in looked)
+        if (dip <= options.dip and _find_excess(gait, looked, options) is None) or attempt == options.refinements:
+            break
+        samples = 2 * samples - 1
+    _check(gait, looked, options)
+    return gait
+
+
+def hold_trunk(
+    falls: Footfalls, shift: float = 0.0, forward: float = 0.0, gravity: ArrayLike = DOWN, samples: int = 9
+) -> Gait:
+    """Build the gait whose trunk is not optimised: it moves evenly with each foot, shifted away from it.
+
+    Args:
+        falls: The footfalls.
+        shift: How far the trunk is shifted sideways, away from the lifted foot [m].
+        forward: How far it is shifted along its x, all along [m].
+        gravity: Direction of gravity.
+        samples: Number of samples at which the legs are closed, to start with.
+
+    Returns:
+        The gait; its margin may be below zero.
+
+    Raises:
+        InfeasibleError: A foot does not reach its foothold.
+
+    Source: Lahouar, IV.3.2.
+    """
+    down = np.asarray(gravity, dtype=float) / np.linalg.norm(gravity)
+    table = PhaseTable.of(falls, down, swing_moves=True)
+    control = table.nominal.copy()
+    control[:, :, :3] += forward * _axis(control[0, 0, 5])
+    side = np.zeros((len(control), 3))
+    for k in range(len(control)):
+        if table.lifted[k] >= 0:
+            across = np.array([-np.sin(control[k, 0, 5]), np.cos(control[k, 0, 5]), 0.0])
+            off = (table.before[k, table.lifted[k]] - table.before[k].mean(axis=0)) @ across
+            side[k] = -np.sign(off) * shift * across
+    swings = [k for k in range(len(control)) if table.lifted[k] >= 0]
+    control[swings, :, :3] += side[swings][:, None]
+    for k in range(len(control)):
+        if table.lifted[k] < 0:  # shifts lead from where the trunk is to where it has to be
+            before = control[k - 1, -1] if k > 0 else (control[swings[-1], -1] - falls.cycle_travel)
+            after = control[k + 1, 0] if k + 1 < len(control) else control[k, -1]
+            if k == 0 and not falls.is_periodic:
+                before = control[k, 0]
+            control[k] = np.linspace(before, after, CONTROL)
+    s = run_law(np.linspace(0.0, 1.0, samples))
+    joints = _close(falls, table, control, s)
+    return _build_gait(falls, table, control, joints, s, down, 1.0, float("nan"), "stated")
+
+
+def list_orders(names: Sequence[str], cyclic: bool = True) -> tuple[tuple[str, ...], ...]:
+    """List the orders in which feet can be lifted, each once; up to where the cycle begins when `cyclic`."""
+    if cyclic:
+        return tuple((names[0], *rest) for rest in itertools.permutations(names[1:]))
+    return tuple(itertools.permutations(names))
+
+
+def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: Aim, samples: int) -> tuple[Gait, Answer]:
+    """Solve the programs at some number of samples."""
+    axes = level_axes(down)
+    table = PhaseTable.of(falls, down, options.swing_moves)
+    shape = ProgramShape(
+        len(falls.lifts), falls.cycle, falls.is_periodic, (True,) * (len(falls.lifts) + 1), samples,
+        options.swing_moves, is_timed=False,
+    )  # fmt: skip
+    program = _program(falls.model, shape, options)
+    s = run_law(program.tau)
+    joints = _close(falls, table, table.nominal, s, must=False)
+    best = program.solve(falls, table, axes, joints, weights=(1.0, 0.0, options.motion_weight))
+    if best.violation > 1e-5:
+        raise explain_fault(falls, table, options, best.violation * program.unit, best.status)
+    if not aim.is_timed:
+        least = best.margin - options.ease * abs(best.margin)
+        calm = program.solve(falls, table, axes, joints, weights=(0.0, 0.0, 1.0), margin=(least, np.inf), guess=best)
+        answer = calm if calm.violation <= 1e-6 else best
+    else:
+        answer = _solve_timed(falls, options, table, axes, aim, shape, best)
+    gait = _build_gait(falls, table, answer.control, answer.joints, s, down, answer.scale, answer.margin, answer.status)
+    return gait, answer
+
+
+def _solve_timed(
+    falls: Footfalls, options: GaitOptions, table: PhaseTable, axes: Array, aim: Aim, shape: ProgramShape, best: Answer
+) -> Answer:
+    """Find way, times and, where allowed, the length of the steps; shifts that take no time are left out then."""
+    if aim.best == "speed" and best.margin < aim.margin + options.dip:
+        raise InfeasibleError(
+            f"no gait keeps a support margin of {1e3 * aim.margin:.2f} mm: the largest is {1e3 * best.margin:.2f} mm; "
+            "ask for less, or let the trunk move farther",
+            margin=best.margin,
+        )
+    scale = aim.scale if falls.is_scalable else (1.0, 1.0)
+    fast = aim.best == "speed"
+    # what may be lost between the samples is kept on top
+    margin = (aim.margin + options.dip, np.inf) if fast else (-np.inf, np.inf)
+    weights = (0.0, 1.0, 1e-2) if fast else (1.0, 1e-3, options.motion_weight)
+    pace = np.inf if aim.pace is None else aim.pace
+    K = shape.n_phases
+    repeat = np.ones(K)
+    first, last = shape.cycle_phases
+    if not fast and last > first:
+        repeat = np.where((np.arange(K) >= first) & (np.arange(K) < last), 1.0, 0.0)
+    guess, used = best, replace(shape, is_timed=True)
+    if not fast:  # fast enough first, then as far from the edges as that allows
+        guess = _program(falls.model, used, options).solve(
+            falls, table, axes, guess.joints, weights=(0.0, 1.0, 1e-2), scale=scale, repeat=repeat, guess=guess
+        )
+    for _ in range(2):
+        program = _program(falls.model, used, options)
+        answer = program.solve(
+            falls, table, axes, guess.joints, weights=weights, margin=margin, scale=scale, slowest=pace,
+            repeat=repeat, guess=guess,
+        )  # fmt: skip
+        if answer.violation > 1e-5:
+            raise InfeasibleError(
+                f"no gait was found that keeps what is asked, {aim}: constraints are missed by {answer.violation:.2g} "
+                f"({answer.status})",
+                answer=answer,
+            )
+        quick = [bool(answer.times[2 * i] > 2 * options.least_time) for i in range(len(used.shifts)) if 2 * i < K]
+        shifts = (*(a and b for a, b in zip(used.shifts, quick, strict=False)), *used.shifts[len(quick) :])
+        if shifts == used.shifts:
+            break
+        used, guess = replace(used, shifts=shifts), answer
+    return answer
+
+
+def _program(model: GaitModel, shape: ProgramShape, options: GaitOptions) -> GaitProgram:
+    known = _programs.setdefault(model, {})
+    key = (shape, options)
+    if key not in known:
+        known[key] = GaitProgram(model, shape, options)
+    return known[key]
+
+
+def _close(falls: Footfalls, table: PhaseTable, control: Array, s: Array, must: bool = True) -> Array:
+    """Give the joints at parameters s of all phases, shape (n_phases, n, n_joints)."""
+    model, basis, K = falls.model, bernstein(s), len(control)
+    normals = falls.normals()
+    feet = [table.foot_control(k, normals, falls.height).reshape(CONTROL, -1) for k in range(K)]
+    places = np.array([basis @ points for points in feet]).reshape(K * len(s), -1, 3)
+    poses = (basis @ control).reshape(K * len(s), 6)
+    X = model.solve(poses, places, model.rest) if must else model.reach(poses, places, model.rest)[0]
+    return X[:, model.machine.robot.mechanism.indices(model.joints)].reshape(K, len(s), -1)
+
+
+def _build_gait(
+    falls: Footfalls, table: PhaseTable, control: Array, joints: Array, s: Array, down: Array, scale: float,
+    margin: float, status: str,
+) -> Gait:  # fmt: skip
+    """Name the phases; those in which nothing moves are left out."""
+    if scale != 1.0:
+        falls = falls.scaled(scale)
+        table = PhaseTable.of(falls, down, swing_moves=True)
+    normals, phases = falls.normals(), []
+    begin, end, cycle = 0, 0, falls.cycle
+    parts = [lift.part for lift in falls.lifts]
+    for k in range(len(control)):
+        is_swing, i = bool(table.lifted[k] >= 0), int(table.lift[k])
+        lift = falls.lifts[i]
+        is_last = not is_swing and k == len(control) - 1 and not falls.is_periodic
+        doing = "swing" if is_swing else "shift to lift"
+        name = "back to rest" if is_last else f"{lift.part} {i - parts.index(lift.part) + 1}: {doing} {lift.foot}"
+        phase = GaitPhase(
+            name, "" if is_last else lift.foot, "swing" if is_swing else "shift", lift.part, control[k],
+            table.foot_control(k, normals, falls.height), joints[k], s,
+        )  # fmt: skip
+        if not is_last and i < cycle[0]:
+            begin += not phase.is_still
+        if not is_last and i < cycle[1]:
+            end += not phase.is_still
+        phases.append(phase)
+    return Gait(
+        falls.model, tuple(p for p in phases if not p.is_still), down, falls.travel, (begin, end), falls.cycle_travel,
+        scale, margin, len(s), status,
+    )  # fmt: skip
+
+
+def _check(gait: Gait, looked: Sequence[PhaseSamples], options: GaitOptions) -> None:
+    """Refuse a gait whose dense look shows too small a margin, a joint out of range, or a leg on another branch."""
+    worst = int(np.argmin([found.bound for found in looked]))
+    if looked[worst].bound < options.least_margin:
+        raise InfeasibleError(
+            f"{name_worst(gait, looked, worst)}; at least {1e3 * options.least_margin:.2f} mm are asked; choose "
+            "another order or shorter steps, let the trunk move farther, or a smaller slope",
+            gait=gait,
+            phase=gait.phases[worst].name,
+            margin=looked[worst].bound,
+        )
+    excess = _find_excess(gait, looked, options)
+    if excess is not None:
+        raise InfeasibleError(f"{excess} between the samples; raise `samples` or `refinements`", gait=gait)
+
+
+def _find_excess(gait: Gait, looked: Sequence[PhaseSamples], options: GaitOptions) -> str | None:
+    """Say which joint leaves its range, or which phase stretches a leg, at the denser samples; None where none does."""
+    low, high = gait.model.joint_range
+    index = gait.model.machine.robot.mechanism.indices(gait.model.joints)
+    for phase, found in zip(gait.phases, looked, strict=True):
+        q = found.X[:, index]
+        excess = np.maximum(low - q, q - high)
+        if np.max(excess) > 1e-9:
+            joint = int(np.argmax(np.max(excess, axis=0)))
+            return (
+                f"phase {phase.name!r}: joint {gait.model.joints[joint]!r} leaves its range "
+                f"[{low[joint]:.4g}, {high[joint]:.4g}] by {np.max(excess):.3g}"
+            )
+        if np.min(found.regularity) < 0.5 * options.regularity:
+            return (
+                f"phase {phase.name!r}: a leg is nearly stretched, its determinant is "
+                f"{np.min(found.regularity):.3g} of that at rest"
+            )
+    return None
+
+
+def _axis(gamma: float) -> Array:
+    return np.array([np.cos(gamma), np.sin(gamma), 0.0])
