@@ -119,6 +119,8 @@ def load_caspr(
             `CableRobot` cannot express; file, line, element and value are named.
         UnknownNameError: There is no such set of cables; the message lists them.
         OSError: A file cannot be read.
+
+    Source: LauCASPR2016.
     """
     paths = {"bodies": bodies, "cables": cables, "spaces": spaces, "trajectories": trajectories}
     for key, given in paths.items():

@@ -144,13 +144,16 @@ def read_cables(chosen: Element, body: Body, ignored: list[str]) -> list[CableEn
     """Read the cables of a set; what is left out is added to `ignored`."""
     ends: list[CableEnds] = []
     for element in chosen:
-        name = element.attributes.get("name") or f"cable {len(ends) + 1}"
+        name = given = element.attributes.get("name") or f"cable {len(ends) + 1}"
         if element.tag in OTHERS:
             raise element.error(f"{name!r} is not read: {OTHERS[element.tag]}")
         if element.tag in STIFF:
             ignored.append(f"{element.file}, line {element.line}: stiffness of {element.tag} {name!r}")
         elif element.tag != "cable_ideal":
             raise element.error(str(unknown_name("kind of cable", element.tag, ["cable_ideal", *STIFF, *OTHERS])))
+        if any(e.name == given for e in ends):  # published models repeat some
+            name = f"{given} ({len(ends) + 1})"
+            ignored.append(f"{element.file}, line {element.line}: name {given!r} stands twice; here {name!r}")
         reference = element.attribute("attachment_reference")
         if reference not in ("joint", "com"):
             raise element.error(f"attachment_reference is {reference!r}; it must be joint or com")

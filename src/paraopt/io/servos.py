@@ -5,7 +5,7 @@ A servo's position is told in *units*: 100 is its middle, and 10 to 190 is what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import pi
 
@@ -129,6 +129,15 @@ class ServoTable:
         if joint not in self.joints:
             raise unknown_name("joint of the table of servos", joint, self.joints)
         return self.servos[self.joints.index(joint)]
+
+    def only(self, joints: Iterable[str]) -> ServoTable:
+        """Give the table of those servos whose joint is named; other names do not matter.
+
+        Raises:
+            DefinitionError: None is left.
+        """
+        wanted = set(joints)
+        return ServoTable(tuple(s for s in self.servos if s.joint in wanted))
 
     @property
     def _factors(self) -> Array:

@@ -8,7 +8,6 @@ text. Nothing but a name may stand in a placeholder: how a number is written bel
 from __future__ import annotations
 
 import re
-import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,6 +23,7 @@ Quantity = Literal["value", "velocity", "acceleration", "time", "index"]
 QUANTITIES: tuple[Quantity, ...] = ("value", "velocity", "acceleration", "time", "index")
 
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_PIECES = re.compile(r"\{\{|\}\}|\{([^{}\n]*)\}|[{}]|[^{}]+")
 _OF_NUMBERS = set("0123456789.eE+-")
 
 
@@ -117,8 +117,8 @@ class Template:
         period_scale: Factor for period and duration; 1e3 for milliseconds.
 
     Raises:
-        DefinitionError: A brace is not closed, a placeholder holds more than a name, a column is missing, stands twice,
-            or is not told from its neighbour by a separator.
+        DefinitionError: A brace is not closed, a column is missing, stands twice, or is not told from its neighbour by
+            a separator.
         UnknownNameError: The command names a column that does not exist.
     """
 
@@ -161,16 +161,21 @@ class Template:
         text = getattr(self, key)
         if not isinstance(text, str) or "\r" in text:
             raise DefinitionError(f"{key} of template {self.name!r} must be text whose lines end in \\n")
-        try:
-            parts = list(string.Formatter().parse(text))
-        except ValueError as error:
-            raise DefinitionError(f"{key} of template {self.name!r}: {error}") from error
-        for _, name, form, conversion in parts:
-            if name is not None and (not name or form or conversion or set(name) & set("{}\n")):
+        parts: list[tuple[str, str | None]] = []
+        literal = ""
+        for found in _PIECES.finditer(text):
+            piece, name = found.group(), found.group(1)
+            if piece in ("{", "}") or name == "":
+                line = text.count("\n", 0, found.start()) + 1
                 raise DefinitionError(
-                    f"{key} of template {self.name!r} has the placeholder {name!r}; a name alone must stand in it"
+                    f"{key} of template {self.name!r}, line {line}: {piece!r} is no placeholder; a brace is doubled"
                 )
-        return [(literal, name) for literal, name, _, _ in parts]
+            if name is None:
+                literal += piece[0] if piece in ("{{", "}}") else piece
+            else:
+                parts.append((literal, name))
+                literal = ""
+        return [*parts, (literal, None)] if literal else parts
 
     @property
     def fields(self) -> tuple[str, ...]:
