@@ -114,7 +114,9 @@ class Energy:
         lagrangian = V + ca.dot(t, lengths)
         outputs = [V, ca.jacobian(V, z), lengths, ca.jacobian(lengths, z), ca.hessian(lagrangian, z)[0]]
         at_rest = [ca.densify(e) for e in ca.substitute(outputs, [z], [ca.DM.zeros(z.numel())])]
-        return CompiledFunction(ca.Function("paraopt_cable_energy", [p, R, t], at_rest, {"cse": True}))
+        function = ca.Function("paraopt_cable_energy", [p, R, t], at_rest, {"cse": True})
+        # a few calls for each run of IPOPT: to compile C for every robot would cost more than it saves
+        return CompiledFunction(function, "virtual machine")
 
     @cached_property
     def program(self) -> ca.Function:
