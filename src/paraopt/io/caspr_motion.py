@@ -63,6 +63,12 @@ class CasprTrajectory:
     time_step: float
     turns: bool
 
+    def __post_init__(self) -> None:
+        for key in ("times", "points", "velocities", "accelerations", "blends"):
+            values = np.array(getattr(self, key), dtype=float)
+            values.flags.writeable = False
+            object.__setattr__(self, key, values)
+
     @property
     def duration(self) -> float:
         """Give the length in time [s]."""
@@ -109,7 +115,7 @@ class CasprTrajectory:
         return _join(self.kind, self.times, steps, rest, rest, self.blends)
 
     def _angles(self, times: Array, order: int) -> Array:
-        turned = Rotation.from_euler("XYZ", self.points[:, -3:])
+        turned = Rotation.from_euler("XYZ", np.array(self.points[:, -3:]))  # scipy wants to own them
         ways = (turned[:-1].inv() * turned[1:]).as_rotvec()  # in axes of the platform
         k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(ways) - 1)
         part = self._progress(times)[:, 0] - k

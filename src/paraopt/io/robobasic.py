@@ -52,6 +52,12 @@ class RoboBasic:
     lead: float
     deviation: float
 
+    def __post_init__(self) -> None:
+        for key in ("times", "units", "speeds", "delays"):
+            values = np.array(getattr(self, key), dtype=float)
+            values.flags.writeable = False
+            object.__setattr__(self, key, values)
+
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the program, whole or not at all."""
         return write_atomically(path, self.text.encode("ascii", "replace"))

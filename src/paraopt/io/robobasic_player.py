@@ -35,6 +35,12 @@ class Played:
     units: Array
     moves: int
 
+    def __post_init__(self) -> None:
+        for key in ("times", "units"):
+            values = np.array(getattr(self, key), dtype=float)
+            values.flags.writeable = False
+            object.__setattr__(self, key, values)
+
     @property
     def duration(self) -> float:
         """Give the length in time [s]."""

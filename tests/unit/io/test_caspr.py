@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,6 +19,7 @@ from paraopt.errors import DefinitionError, ParaoptError, UnknownNameError
 from paraopt.io.caspr import CasprModel, load_caspr
 from paraopt.io.caspr_motion import CasprTrajectory
 from paraopt.io.xml_tree import Element, read_xml
+from paraopt.modes.cable.wrench import lay_over_pulley
 
 Array = NDArray[np.float64]
 DATA = Path(__file__).parents[2] / "data" / "caspr"
@@ -203,6 +205,33 @@ def test_a_pulley_of_the_base(tmp_path: Path) -> None:
     assert read.robot.pulleys[3].radius == 0.05
     assert read.robot.pulleys[3].axis == (0.0, 0.0, 1.0)
     np.testing.assert_array_equal(read.robot.exits[3], [2, 1, 3])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_cable_runs_over_its_pulley_as_in_caspr(tmp_path: Path, seed: int) -> None:
+    """CASPR's way: centre beside the entry towards the attachment, leaving point, arc by the angle between radii."""
+    rng = np.random.default_rng(seed)
+    v, F, radius = rng.normal(size=3), np.array([2.0, 1.0, 3.0]), 0.05
+    wheel = (
+        f"<base_rotating_pulley><fixed_location>2 1 3</fixed_location><pulley_radius>{radius}</pulley_radius>"
+        f"<cable_entry_vector>{' '.join(map(repr, v.tolist()))}</cable_entry_vector></base_rotating_pulley>"
+    )
+    pulley = model(tmp_path, ropes=cables(*FOUR[:3], cable("p", wheel, at(1, "0.2 0.2 0")))).robot.pulleys[3]
+    span = ca.SX.sym("span", 3)
+    lay = ca.Function("lay", [span], list(lay_over_pulley(span, F, pulley)))
+    B = F + rng.normal(size=3)
+    normal = np.cross(v, B - F) / np.linalg.norm(np.cross(v, B - F))
+    beside = np.cross(normal, v)
+    C = F + radius * beside / np.linalg.norm(beside)
+    share = radius / np.linalg.norm(B - C)
+    A = C + share**2 * (B - C) - share * np.sqrt(1 - share**2) * np.cross(normal, B - C)
+    arc = radius * np.arccos((F - C) @ (A - C) / radius**2)
+    length, _, leaving = lay(B - F)
+    np.testing.assert_allclose(np.array(leaving).ravel(), A, atol=1e-12)
+    # CASPR's arc is the shorter one; the way round is longer where the cable turns by more than half a circle
+    turned = np.cross(F - C, A - C) @ normal
+    arc = arc if turned > 0 else 2 * np.pi * radius - arc
+    assert float(length) == pytest.approx(arc + np.linalg.norm(B - A), abs=1e-12)
 
 
 def test_harmless_parts_are_listed(tmp_path: Path) -> None:
