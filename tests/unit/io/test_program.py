@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ class Rise:
         return np.asarray(start + law[..., None] * [0.5, -0.3])
 
 
+ROOT = Path(__file__).parents[3]
 NAMES = ("q1", "q2")
 PEAK = 0.5 * 30 / 16  # m/s of q1, at half time
 DRUMS = (Drum(0.05, zero_length=1.0), Drum(0.04, sign=-1, pitch=0.002))
@@ -211,6 +213,24 @@ def test_the_period_comes_from_the_file_or_from_the_reader(tmp_path: Path) -> No
     with pytest.raises(DefinitionError, match="does not name its period; give it"):
         read_program(tmp_path / "b.txt", bare)
     assert read_program(tmp_path / "b.txt", bare, 0.01).duration == 1.0
+
+
+def blocks() -> list[str]:
+    text = (ROOT / "docs" / "controller-files.md").read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_the_page_runs(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    assert len(blocks()) == 3
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(blocks()[number], f"controller-files.md, block {number}", "exec"), {})
+    if number == 1:
+        assert capsys.readouterr().out == (
+            "; two, 5 lines\nG1 A2000.0 B2000.0\nG1 A2041.4 B1958.6\nG1 A2200.0 B1800.0\nG1 A2358.6 B1641.4\n"
+            "G1 A2400.0 B1600.0\nM2\n\n"
+        )
 
 
 # --- Limits
