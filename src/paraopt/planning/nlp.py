@@ -10,37 +10,22 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.interpolate import BSpline
 
-from paraopt.errors import DefinitionError, RefineError
+from paraopt.errors import RefineError
 from paraopt.planning.evaluate import SampleEvaluator
+from paraopt.planning.nlp_barrier import Barriers
+from paraopt.planning.nlp_conflict import Shortfall, list_shortfalls, tell_shortfalls
 from paraopt.planning.nlp_ipopt import Answer, Bridge, Curvature, solve_by_ipopt
 from paraopt.planning.nlp_options import NlpOptions, Slack
 from paraopt.planning.nlp_spline import SplineSpace, Waypoint, build_space, locate
 from paraopt.planning.nlp_sqp import solve_by_sqp
-from paraopt.planning.nlp_time import TimeModel
-from paraopt.planning.objective import Barriers, Evaluation
+from paraopt.planning.nlp_start import fit_spline, guess_speeds, solve_beside
+from paraopt.planning.objective import Evaluation
 from paraopt.planning.problem import Problem
 from paraopt.planning.seed import Seed
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Shortfall:
-    """Name a constraint that a vector breaks.
-
-    Attributes:
-        what: The constraint.
-        at: Where on the path, in [0, 1].
-        amount: By how much, in the constraint's own scale.
-        is_timing: Whether it is a limit of a drive, which a slower law would hold.
-    """
-
-    what: str
-    at: float
-    amount: float
-    is_timing: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +42,7 @@ class Nlp:
         unit: Length that x is divided by [m].
         evaluator: What evaluates the samples.
         evaluation: What computes f, g and their derivatives from them.
+        measures: What a constraint of one sample that is 1 is in SI, and its unit, in the order of the labels.
     """
 
     problem: Problem
@@ -68,6 +54,7 @@ class Nlp:
     unit: float
     evaluator: SampleEvaluator
     evaluation: Evaluation
+    measures: tuple[tuple[float, str], ...] = ()
 
     @cached_property
     def functions(self) -> Mapping[str, ca.MX]:
@@ -131,21 +118,15 @@ class Nlp:
         return self.samples, time.full(np.asarray(x)[self.evaluation.n_x - time.n_b :]) / time.unit**2
 
     def shortfalls(self, x: Array, tolerance: float = 1e-6) -> list[Shortfall]:
-        """List the constraints that a vector breaks, the worst first, each at its worst place.
+        """List the constraints that a vector breaks, each at its worst place.
+
+        First come those that stand most against a better vector near it, where these are known, else the worst.
 
         Args:
             x: The vector.
             tolerance: What is let pass.
         """
-        g = self.evaluation(np.asarray(x))[2]
-        excess = np.maximum(self.lower - g, g - self.upper)
-        excess = np.where(np.isnan(excess), np.inf, excess)
-        worst: dict[str, Shortfall] = {}
-        for row in np.flatnonzero(excess > tolerance):
-            what, at = self.describe(int(row))
-            if what not in worst or excess[row] > worst[what].amount:
-                worst[what] = Shortfall(what, at, float(excess[row]), bool(row >= len(g) - self.evaluation.n_rows))
-        return sorted(worst.values(), key=lambda shortfall: -shortfall.amount)
+        return list_shortfalls(self, np.asarray(x), tolerance)
 
     def describe(self, row: int) -> tuple[str, float]:
         """Tell what a row of g is, and where on the path."""
@@ -207,11 +188,11 @@ def build_nlp(
     unit = max(seed.length, 1e-12)
     space = _build_space(problem, seed, options, knots, samples, unit, near)
     if near is None:
-        y = space.nearest(_fit(seed, space.knots, degree, samples).c / space.to_physical)
-        X = _configurations(problem, seed, space.spline(y), samples[1:-1])
+        y = space.nearest(fit_spline(seed, space.knots, degree, samples).c / space.to_physical)
+        X = solve_beside(problem, seed, space.spline(y), samples[1:-1])
     else:
         y = space.project(near)
-        X = near_X if near_X is not None else _configurations(problem, seed, space.spline(y), samples[1:-1])
+        X = near_X if near_X is not None else solve_beside(problem, seed, space.spline(y), samples[1:-1])
     horizon = options.choose_horizon(problem)
     pairs = _choose_pairs(problem, X, horizon, 0.1 * unit) if problem.scene.pairs and choose_pairs else np.arange(0)
     if extra_pairs is not None:
@@ -228,12 +209,12 @@ def build_nlp(
         max(0.25 * problem.margins.clearance, 0.02 * horizon),
         serial=not problem.allow_mode_change,
     )
-    time, first_b = _time(problem, samples, X, speeds) if options.objective.time > 0 else (None, np.zeros(0))
+    time, first_b = guess_speeds(problem, samples, X, speeds) if options.objective.time > 0 else (None, np.zeros(0))
     evaluation = Evaluation(evaluator, space, options.objective, barriers, balls, time)
     level = np.full(evaluation.n_level, problem.margins.singularity)
     initial = np.concatenate([y, level, first_b])
-    low, high, labels = _bounds(problem, evaluation, slack)
-    return Nlp(problem, initial, low, high, labels, space, unit, evaluator, evaluation)
+    low, high, labels, measures = _bounds(problem, evaluation, slack)
+    return Nlp(problem, initial, low, high, labels, space, unit, evaluator, evaluation, measures)
 
 
 def solve_nlp(
@@ -268,14 +249,14 @@ def solve_nlp(
         answer = _run(nlp, options, x, multipliers, options.tolerance if last else 100.0 * options.tolerance)
         x, multipliers = answer.x, answer.multipliers
         iterations += answer.iterations
+        if answer.is_stuck:  # the weight of the barriers has no say in that
+            break
     assert answer is not None
     stats = {"iterations": iterations, "return_status": answer.status}
-    shortfalls = nlp.shortfalls(x, 1e-4) if np.all(np.isfinite(x)) else [Shortfall("the solution", 0.0, np.inf)]
+    shortfalls = nlp.shortfalls(x, 1e-4)
     if any(not shortfall.is_timing for shortfall in shortfalls):  # a retimer cures what is run too fast
-        told = "; ".join(f"{s.what} is off its bound by {s.amount:.3g} at s = {s.at:.3f}" for s in shortfalls[:4])
-        more = f"; and {len(shortfalls) - 4} others" if len(shortfalls) > 4 else ""
         raise RefineError(
-            f"{options.backend} found no feasible path ({answer.status}): {told}{more}",
+            f"{options.backend} found no feasible path ({answer.status}): {tell_shortfalls(shortfalls)}",
             nlp=nlp,
             x=x,
             shortfalls=tuple(shortfalls),
@@ -337,67 +318,10 @@ def _scaled_centre(problem: Problem, waypoint: Waypoint, space: SplineSpace) -> 
     return np.array(values) / space.to_physical
 
 
-def _time(problem: Problem, samples: Array, X: Array, speeds: tuple[Array, Array] | None) -> tuple[TimeModel, Array]:
-    """Build the timing of a path, in units of its first guess, and the squared speeds of that guess."""
-    mechanism = problem.robot.mechanism
-    names = mechanism.active
-    limits = [problem.bounds.of(quantity, names) for quantity in ("velocity", "acceleration")]
-    if not np.all(np.isfinite(limits)):
-        raise DefinitionError(f"time is to be made short, but not all of {list(names)} have velocity and acceleration "
-                              "limits; state them in Limits")  # fmt: skip
-    goal = problem.space.solve(problem.goal_values()[None], X[-1:])
-    q = np.vstack([problem.start_configuration.X, X, goal.X])[:, mechanism.indices(names)]
-    model = TimeModel(samples, limits[0], limits[1], 1.0)
-    b = model.guess(q)
-    if speeds is not None:  # those of a law are better; lowered until they hold at these samples
-        known = np.interp(samples[1:-1], speeds[0], speeds[1])
-        b = known / max(1.05, 1.05 * float(np.max(np.abs(model.rows(q, known).values))))
-    unit = model.duration(b)[0]
-    return TimeModel(samples, limits[0], limits[1], unit), b * unit**2
-
-
-def _fit(seed: Seed, knots: Array, degree: int, samples: Array) -> BSpline:
-    """Fit a spline to the seed's polyline, through both its ends."""
-    s = np.linspace(0.0, 1.0, 8 * len(samples))
-    weights = np.ones_like(s)
-    weights[[0, -1]] = 1e4
-    spline = make_lsq_spline(s, seed.at(s), knots, degree, w=weights)
-    ends = seed.points[[0, -1]]
-    spline.c[0], spline.c[-1] = ends[0], ends[1]
-    return spline
-
-
-def _configurations(problem: Problem, seed: Seed, spline: BSpline, samples: Array) -> Array:
-    """Solve the closures at samples of the fitted spline: along the polyline first, then across to the spline."""
-    index = problem.index
-    arc = seed.arc
-    values = seed.at(samples)
-    corner = np.clip(np.searchsorted(arc, samples, side="right") - 1, 0, len(arc) - 1)
-    X = np.empty((len(samples), len(problem.robot.mechanism.names)))
-    # each leg of the polyline is walked by all its samples at once, in equal shares
-    X[:] = seed.X[corner]
-    for target in (values, np.asarray(spline(samples))):
-        origin = X[:, index].copy()
-        far = float(np.max(np.abs((target - origin) * problem.metric), initial=0.0))
-        steps = max(1, int(np.ceil(far / (0.15 * problem.robot.mechanism.length))))
-        for k in range(1, steps + 1):
-            T = problem.space.tangent(X)
-            goal = origin + (target - origin) * (k / steps)
-            predicted = X + np.einsum("nvm,nm->nv", T, goal - X[:, index])
-            closed = problem.space.solve(goal, predicted)
-            if not np.all(closed.converged):
-                i = int(np.argmin(closed.converged))
-                raise RefineError(
-                    f"the closures fail beside the seed at s = {samples[i]:.3f}: the fitted spline leaves the "
-                    "reachable space; take a finer seed or more control points",
-                    seed=seed,
-                )
-            X = closed.X
-    return X
-
-
-def _bounds(problem: Problem, evaluation: Evaluation, slack: Slack) -> tuple[Array, Array, tuple[str, ...]]:
-    """Give the bounds of g, and what each row of one sample is."""
+def _bounds(
+    problem: Problem, evaluation: Evaluation, slack: Slack
+) -> tuple[Array, Array, tuple[str, ...], tuple[tuple[float, str], ...]]:
+    """Give the bounds of g; what each row of one sample is, and what a row that is 1 is in SI."""
     names, evaluator, n = problem.robot.mechanism.names, evaluation.evaluator, evaluation.n
     conditions = evaluator.conditions
     kinds = ("parallel", "serial")[: evaluation.kinds]
@@ -408,6 +332,14 @@ def _bounds(problem: Problem, evaluation: Evaluation, slack: Slack) -> tuple[Arr
         *(f"{n} [over {c:g}]" if c != 1.0 else n for n, c in zip(conditions.names, conditions.scales, strict=True)),
         *(f"distance {problem.scene.pairs[p].name} [horizons]" for p in evaluator.pairs),
         *(f"{kind} margin over the smallest" for kind in kinds if evaluation.n_level),
+    )
+    variables = problem.robot.mechanism.variables
+    measures = (
+        *((float(evaluator.scale[i]), variables[i].unit) for i in evaluator.bounded),
+        *((1.0, ""), (1.0, "")),
+        *((float(c), "") for c in conditions.scales),
+        *((evaluation.barriers.horizon, "m") for _ in evaluator.pairs),
+        *((1.0, "") for _ in kinds if evaluation.n_level),
     )
     column = {name: np.broadcast_to(getattr(slack, name), n)[:, None] for name in vars(slack)}
     singular = np.array(
@@ -431,4 +363,4 @@ def _bounds(problem: Problem, evaluation: Evaluation, slack: Slack) -> tuple[Arr
     if evaluation.time is not None:
         lows.append(evaluation.time.bounds[0])
         highs.append(evaluation.time.bounds[1])
-    return np.concatenate(lows), np.concatenate(highs), labels
+    return np.concatenate(lows), np.concatenate(highs), labels, measures

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -27,10 +27,16 @@ class Answer:
         status: What the solver says.
     """
 
+    STUCK: ClassVar[str] = "stuck at an infeasible point"
     x: Array
     multipliers: Array
     iterations: int
     status: str
+
+    @property
+    def is_stuck(self) -> bool:
+        """Tell whether the solver says that no step comes nearer to feasible."""
+        return self.status in (self.STUCK, "Infeasible_Problem_Detected")
 
 
 class Bridge(ca.Callback):

@@ -93,7 +93,9 @@ class NlpOptions:
         """Give the weights of the barriers, one for each solution."""
         weights = [self.barrier]
         while weights[-1] > self.final_barrier:
-            weights.append(max(1e-2 * weights[-1], self.final_barrier))
+            lower = 1e-2 * weights[-1]
+            # no further round for what round-off leaves above the final weight
+            weights.append(lower if lower > self.final_barrier * (1.0 + 1e-9) else self.final_barrier)
         return tuple(weights)
 
 

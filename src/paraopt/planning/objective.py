@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError, ParaoptError
 from paraopt.planning.evaluate import SampleEvaluator, SampleValues
+from paraopt.planning.nlp_barrier import Barriers
 from paraopt.planning.nlp_spline import SplineSpace
 from paraopt.planning.nlp_time import TimeModel
 
@@ -51,25 +52,6 @@ class Objective:
         return self.bending == self.margin == self.time == 0.0
 
 
-@dataclass(frozen=True)
-class Barriers:
-    """Hold what keeps paths away from their bounds.
-
-    Attributes:
-        weight: Weight of all barriers [1].
-        horizon: Distance at which the distance barrier begins [m].
-        floor: Distance below which it goes on as a parabola [m].
-        share: Share of a variable's range, from either end, in which its barrier acts [1].
-        serial: Whether serial singularities count.
-    """
-
-    weight: float
-    horizon: float
-    floor: float
-    share: float = 0.05
-    serial: bool = True
-
-
 @dataclass(frozen=True, eq=False)
 class _Point:
     """Hold all that is known at one vector."""
@@ -80,6 +62,7 @@ class _Point:
     g: Array
     jac_g: Array
     values: SampleValues | None
+    bend: Array | None = None  # second derivatives of the barriers at the samples
 
 
 class Evaluation:
@@ -202,7 +185,7 @@ class Evaluation:
         if v is None or not v.converged:  # the solver takes a shorter step
             nan = np.full(len(self.pattern[0]), np.nan)
             return _Point(x, np.nan, np.full(self.n_x, np.nan), np.full(self.n_g, np.nan), nan, None)
-        barrier, d_barrier, _ = self._barriers(v)
+        barrier, d_barrier, bend = self.barriers(v, self.evaluator)
         half = self._energy @ y
         f = float(y @ half + 2.0 * self._linear @ y) + self._constant + barrier
         d_f = np.zeros(self.n_x)
@@ -243,7 +226,7 @@ class Evaluation:
             entries.append((rows.d_q[:, :1] * ddq + rows.d_q[:, 1:] * dddq).ravel())
             r, c = self._time_pattern
             entries.append(rows.d_b[r, c + 1])
-        return _Point(x, f, d_f, np.concatenate(values), np.concatenate(entries)[self._order], v)
+        return _Point(x, f, d_f, np.concatenate(values), np.concatenate(entries)[self._order], v, bend)
 
     @cached_property
     def _active(self) -> NDArray[np.intp]:
@@ -279,12 +262,13 @@ class Evaluation:
         H[y, y] = 2.0 * weight_f * self._energy
         if self.objective.evenness:
             H[y, y] += weight_f * self.objective.evenness * self._evenness(x[: self.n_y])[2]
-        v = self.at(x).values
-        if v is None:
+        point = self.at(x)
+        v = point.values
+        if v is None or point.bend is None:
             return H
         by_sample = multipliers[: self.n * self.per_sample].reshape(self.n, self.per_sample)
         b, u = len(self.evaluator.bounded), len(self.evaluator.conditions)
-        W = weight_f * self._barriers(v)[2]
+        W = weight_f * point.bend
         on_range, on_conditions = by_sample[:, :b], by_sample[:, b + 2 : b + 2 + u]
         on_margins = by_sample[:, b : b + 2].copy()
         if self.n_level:
@@ -353,66 +337,3 @@ class Evaluation:
         value = float(weights @ speed**2) - length**2
         gradient = 2.0 * np.einsum("q,qm,qmy->y", weights, slope, moves) - 2.0 * length * d_length
         return value, gradient, 2.0 * (along.T @ (weights[:, None] * along) - np.outer(d_length, d_length))
-
-    # -- barriers --------------------------------------------------------------------------------------------------
-
-    def _barriers(self, v: SampleValues) -> tuple[float, Array, Array]:
-        """Give the barriers' value, gradients (n, m) and Gauss-Newton second derivatives (n, m, m)."""
-        scale = self.barriers.weight / self.n
-        if scale == 0.0:
-            return 0.0, np.zeros((self.n, self.m)), np.zeros((self.n, self.m, self.m))
-        k = self.kinds
-        slopes, gradients, bends = [np.full((self.n, k), -1.0)], [v.d_logarithms[:, :k]], [np.ones((self.n, k))]
-        total = -float(np.sum(v.logarithms[:, :k]))
-        for phi, slope, bend, gradient in (self._distance_terms(v), *self._range_terms(v), *self._condition_terms(v)):
-            total += float(np.sum(phi))
-            slopes.append(slope)
-            gradients.append(gradient)
-            bends.append(bend)
-        G = np.concatenate(gradients, axis=1)
-        first = np.einsum("nk,nkm->nm", np.hstack(slopes), G)
-        second = G.transpose(0, 2, 1) @ (np.hstack(bends)[:, :, None] * G)
-        return scale * total, scale * first, scale * second
-
-    def _distance_terms(self, v: SampleValues) -> tuple[Array, Array, Array, Array]:
-        return *self._rise(v.distances, self.barriers.horizon, self.barriers.floor), v.d_distances
-
-    def _range_terms(self, v: SampleValues) -> list[tuple[Array, Array, Array, Array]]:
-        """Treat the way to either end of a range like a distance; the horizon is a share of the range."""
-        low, high = self.evaluator.low, self.evaluator.high
-        terms = []
-        for sign, bound in ((1.0, low), (-1.0, high)):
-            of = np.flatnonzero(np.isfinite(bound))
-            if not of.size:
-                continue
-            width = np.where(np.isfinite(high - low), high - low, 1.0)[of]
-            left = sign * (v.bounded[:, of] - bound[of])
-            phi, slope, bend = self._rise(left / width, self.barriers.share, 0.02 * self.barriers.share)
-            terms.append((phi, sign * slope / width, bend / width**2, v.d_bounded[:, of]))
-        return terms
-
-    def _condition_terms(self, v: SampleValues) -> list[tuple[Array, Array, Array, Array]]:
-        """Treat how far the problem's conditions are inside their bounds like a distance, felt below 1."""
-        k, conditions = self.evaluator.n_barred, self.evaluator.conditions
-        terms = []
-        for sign, bound in ((1.0, conditions.lower[:k]), (-1.0, conditions.upper[:k])):
-            of = np.flatnonzero(np.isfinite(bound))
-            if of.size:
-                phi, slope, bend = self._rise(sign * (v.conditions[:, of] - bound[of]), 1.0, 0.02)
-                terms.append((phi, sign * slope, bend, v.d_conditions[:, of]))
-        return terms
-
-    def _barrier(self, d: Array) -> tuple[Array, Array]:
-        """Evaluate the distance barrier and its derivative."""
-        phi, slope, _ = self._rise(d, self.barriers.horizon, self.barriers.floor)
-        return phi, slope
-
-    @staticmethod
-    def _rise(d: Array, h: float, e: float) -> tuple[Array, Array, Array]:
-        """Evaluate phi and two derivatives: logarithmic between floor e and horizon h, quadratic below, zero beyond."""
-        inside = np.clip(d, e, h)
-        phi, slope = -np.log(inside / h) + inside / h - 1.0, -1.0 / inside + 1.0 / h
-        below = np.minimum(d - e, 0.0)
-        phi += slope * below + 0.5 * below**2 / e**2
-        slope = slope + below / e**2
-        return phi, np.where(d < h, slope, 0.0), np.where(d < h, 1.0 / inside**2, 0.0)

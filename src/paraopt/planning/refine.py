@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from paraopt.errors import DefinitionError, ParaoptError, RefineError
+from paraopt.errors import DefinitionError, ParaoptError, RefineError, SolveError
 from paraopt.planning.nlp import Nlp, NlpOptions, Slack, build_nlp, solve_nlp
 from paraopt.planning.path import Path
 from paraopt.planning.problem import Problem
@@ -102,13 +102,29 @@ class SplineRefiner(NlpOptions):
         options: SplineRefiner = self if warm is None else replace(self, barrier=self.final_barrier)
         iterations = evaluations = 0
         violation: Violation | None = None
+        worst: list[float] = []
         for round_ in range(1, self.rounds + 1):
             nlp = state.build(problem, seed, options)
             x, stats = self._solve(nlp, options, state, seed)
             iterations += stats["iterations"]
             evaluations += nlp.evaluator.evaluations
             path = _follow(nlp, x)
-            violation = check_densely(problem, path, 10 * len(nlp.samples), self.constraints)
+            try:
+                violation = check_densely(problem, path, 10 * len(nlp.samples), self.constraints)
+            except SolveError as error:  # the closures hold at the samples, but not between them
+                if round_ == self.rounds:
+                    raise RefineError(
+                        f"the path leaves the reachable space between its samples: {error}; allow more samples, or "
+                        "loosen what drives it there",
+                        path=path,
+                        seed=seed,
+                        s=error.evidence.get("s"),
+                    ) from error
+                state = state.restart(nlp)
+                continue
+            worst.append(0.0 if violation is None else violation.size(nlp.evaluation.barriers.horizon))
+            if len(worst) > 1 and worst[-1] > max(0.7 * worst[-2], 0.2):
+                break  # one more sample did not help
             length = path.length(problem.metric)
             is_longer = warm is None and self._is_plain and length > seed.length * (1.0 + 1e-9)
             if violation is None and not is_longer:
@@ -127,10 +143,12 @@ class SplineRefiner(NlpOptions):
                 state = replace(state, near=path.spline, near_X=path.anchor_X[1:-1], speeds=nlp.speeds(x))
             else:
                 options = replace(options, barrier=options.final_barrier)
-                state = replace(state.densify(nlp, path, violation), speeds=nlp.speeds(x))
+                state = replace(state.densify(nlp, path, violation, stats["multipliers"]), speeds=nlp.speeds(x))
         what = violation.summary if violation else "the path is longer than the seed"
+        if len(worst) > 1 and worst[-1] > 0.2:
+            what += " (from one sample to the next it leaps over what is in its way: perhaps no path can hold)"
         raise RefineError(
-            f"refinement did not reach a path that holds between its samples in {self.rounds} rounds: {what}; "
+            f"refinement did not reach a path that holds between its samples in {round_} rounds: {what}; "
             "allow more control points or samples, or smaller margins",
             path=path,
             violation=violation,
@@ -204,7 +222,12 @@ class _State:
             speeds=self.speeds, choose_pairs=self.choose_pairs,
         )  # fmt: skip
 
-    def densify(self, nlp: Nlp, path: Path, violation: Violation) -> _State:
+    def restart(self, nlp: Nlp) -> _State:
+        """Begin again at the seed, with twice the samples."""
+        halves = 0.5 * (nlp.samples[1:] + nlp.samples[:-1])
+        return _State(Slack(), nlp.evaluator.pairs, nlp.knots, np.union1d(nlp.samples, halves))
+
+    def densify(self, nlp: Nlp, path: Path, violation: Violation, multipliers: Array) -> _State:
         """Add samples where something falls short, and a knot where that is more than a sag between samples."""
         knots, samples = nlp.knots, nlp.samples
         horizon = nlp.evaluation.barriers.horizon
@@ -229,16 +252,27 @@ class _State:
             new,
             path.spline,
             path.solve(new[1:-1]),
+            _spread(nlp, multipliers, new),
             choose_pairs=False,  # those of the path so far; the next check finds what else comes near
         )
+
+
+def _spread(nlp: Nlp, multipliers: Array, samples: Array) -> Array:
+    """Keep the multipliers of the samples that stay, and let nothing push at new ones; nor the limits of drives."""
+    n, width = nlp.evaluation.n, nlp.evaluation.per_sample
+    spread = np.zeros((len(samples) - 2, width))
+    spread[np.searchsorted(samples[1:-1], nlp.samples[1:-1])] = multipliers[: n * width].reshape(n, width)
+    near = multipliers[n * width : n * width + len(nlp.evaluation.balls)]
+    drives = 0 if nlp.evaluation.time is None else replace(nlp.evaluation.time, s=samples).n_rows
+    return np.concatenate([spread.ravel(), near, np.zeros(drives)])
 
 
 def _follow(nlp: Nlp, x: Array) -> Path:
     """Build the path of a solution, with its configurations at the samples."""
     problem = nlp.problem
     spline = nlp.spline(x)
-    values = nlp.evaluator(spline(nlp.samples[1:-1]))
-    if not values.converged:
+    values = nlp.evaluation.at(x).values
+    if values is None:
         raise RefineError("the closures fail on the refined path", spline=spline)
     X = np.vstack([problem.start_configuration.X, values.X, _solve_goal(problem, values.X[-1], spline(1.0))])
     return Path(problem.robot, problem.independent, spline, nlp.samples, X, problem.held)

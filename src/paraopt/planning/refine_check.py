@@ -47,6 +47,11 @@ class Violation:
         """Give the largest excess over a range, in characteristic lengths or radians."""
         return float(self.shortages["range"].max())
 
+    def size(self, horizon: float) -> float:
+        """Give the largest shortage of all, clearance over a horizon [m]."""
+        scale = {"clearance": horizon}
+        return max(float(np.max(short, initial=0.0)) / scale.get(name, 1.0) for name, short in self.shortages.items())
+
     def places(self, **bounds: float) -> Array:
         """Give the parameters at which something falls short by more than a bound, by quantity, or than 0."""
         return self.s[np.any([short > bounds.get(name, 0.0) for name, short in self.shortages.items()], axis=0)]
@@ -123,9 +128,11 @@ def check_configurations(
     low, high = problem.bounds.bounds(problem.robot.mechanism)
     scale = problem.robot.kinematics.graph.variable_scale
     beyond = np.max(np.maximum(low - X, X - high) / scale, axis=1, initial=0.0)
-    margins = problem.space.margins(X)
-    smallest = margins.parallel if problem.allow_mode_change else np.minimum(margins.parallel, margins.serial)
-    short = problem.margins.singularity - smallest
+    short = np.zeros(len(X))
+    if problem.margins.singularity > 0.0:  # no margin is below zero
+        margins = problem.space.margins(X)
+        smallest = margins.parallel if problem.allow_mode_change else np.minimum(margins.parallel, margins.serial)
+        short = problem.margins.singularity - smallest
     conditions = read_conditions(problem.robot.kinematics.graph, (*problem.conditions, *constraints))
     excess = -conditions.levels(X)
     off = np.max(excess, axis=1, initial=0.0)
@@ -136,11 +143,14 @@ def check_configurations(
         return None
     offending = np.unique(pair[near > 0.0])
     named = ", ".join(problem.scene.pairs[p].name for p in offending)
-    tell = [
-        f"range exceeded by {max(beyond.max(), 0):.2g} (scaled)",
-        f"singularity margin short by {max(short.max(), 0):.2g}",
-        f"clearance short by {1e3 * max(near.max(), 0):.3g} mm{f' ({named})' if named else ''}",
-    ]
+    tell = []
+    if beyond.max() > 0.0:
+        i = int(np.argmax(np.max(np.maximum(low - X, X - high) / scale, axis=0)))
+        tell.append(f"range of {problem.robot.mechanism.names[i]!r} exceeded by {beyond.max():.2g} (scaled)")
+    if short.max() > 0.0:
+        tell.append(f"singularity margin short by {short.max():.2g}")
+    if near.max() > 0.0:
+        tell.append(f"clearance short by {1e3 * near.max():.3g} mm ({named})")
     worst = np.max(excess, axis=0)
     tell += [
         f"{n} off by {w * c:.3g}" for n, c, w in zip(conditions.names, conditions.scales, worst, strict=True) if w > 0
