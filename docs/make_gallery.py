@@ -32,8 +32,8 @@ HEAD = """# Gallery
 
 Every robot of `paraopt.robots` at home, with its link graph and its facts. Written by `make gallery`; do not edit.
 
-In the pictures, links that an actuator moves are orange, the platform is blue, the base dark; a line stands for a link
-without solids, such as a cable. In the graphs, boxes are links, lines are joints with the names of their variables,
+In the pictures, links that an actuator moves are orange, the platform is blue, the base dark; a line is a cable, or
+stands for a link without solids. In the graphs, boxes are links, lines are joints with the names of their variables,
 dashed lines are closures; thick lines and ● tell what is driven, ◆ what states the task. Your machine is drawn alike:
 
 ```python

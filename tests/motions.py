@@ -59,6 +59,15 @@ def plan_of(task: str) -> po.Plan:
 
 
 @functools.cache
+def cable_plan() -> po.Plan:
+    """Plan a motion of LARM's cable robot in the plane past a post; do not change it."""
+    post = po.Box(size=(0.12, 0.12, 0.2), pose=po.transform((0.5, 0.3, 0.0)), name="post")
+    scene = po.Scene(po.robots.larm_planar(), [post])
+    start, goal = {"x": 0.3, "y": 0.62, "theta": 0.0}, {"x": 0.7, "y": 0.6, "theta": 0.1}
+    return po.plan(po.Problem(scene, start, goal, margins=po.Margins(clearance=0.01, singularity=0.01)))
+
+
+@functools.cache
 def jerk_limited_of(task: str) -> po.Trajectory:
     """Time the path of a task with limited jerk."""
     return po.JerkLimited().retime(problem_of(task), plan_of(task).path)

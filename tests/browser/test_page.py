@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import paraopt as po
-from motions import TASKS, plan_of, problem_of
-from paraopt.view import Body, Readout, write_page
-from paraopt.view.motion import trace
+from motions import TASKS, cable_plan, plan_of, problem_of
+from paraopt.view import Body, Phase, Readout, mark_link, style, write_motion_page, write_page
+from paraopt.view.motion import list_cable_ends, trace
 
 pytestmark = pytest.mark.browser
 
@@ -164,3 +164,110 @@ def test_names_are_shown_and_not_run(chromium: Any, tmp_path: Path) -> None:
     assert chromium.evaluate("document.querySelector('h1').textContent") == nasty
     assert chromium.evaluate(f"paraopt.poseOf({json.dumps(nasty)}) !== null") is True
     assert chromium.complaints == []
+
+
+# --- Cables and phases
+
+
+@pytest.fixture(scope="module")
+def cable_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    plan = cable_plan()
+    mechanism, end = plan.problem.robot.mechanism, plan.trajectory.duration
+    phases = [
+        Phase("pull", 0.0, 0.4 * end, [mark_link(mechanism, "exit", "base", corner) for corner in ((0, 0), (0, 1))]),
+        Phase("turn", 0.4 * end, 0.8 * end, [mark_link(mechanism, "held", "platform", (0.1, 0)),
+                                             mark_link(mechanism, "moving", "platform")]),
+    ]  # fmt: skip
+    path = tmp_path_factory.mktemp("cables") / "motion.html"
+    return write_motion_page(path, plan.problem, plan.seed, plan.trajectory, plan.certificate, phases=phases)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.31, 0.77, 1.0])
+def test_cables_are_drawn_between_their_links(chromium: Any, cable_page: Path, share: float) -> None:
+    chromium.open(cable_page)
+    assert chromium.complaints == []
+    plan = cable_plan()
+    t = share * plan.trajectory.duration
+    chromium.evaluate(f"paraopt.seek({t!r})")
+    expected = list_cable_ends(plan.problem.scene, plan.trajectory(t)[None, :])[0]
+    for cable, ends in zip(plan.problem.scene.all_cables, expected, strict=True):
+        drawn = chromium.evaluate(f"paraopt.endsOf({cable.name!r})")
+        np.testing.assert_allclose(drawn, ends, rtol=0, atol=3e-4)
+    assert chromium.evaluate("paraopt.endsOf('no cable')") is None
+    assert "Cables" in chromium.evaluate("document.getElementById('legend').innerText")
+
+
+def test_cables_are_seen_and_have_names(chromium: Any, cable_page: Path) -> None:
+    """From above the middle of a cable is dark, and resting there names it."""
+    chromium.open(cable_page)
+    chromium.evaluate("paraopt.seek(0)")
+    chromium.evaluate("paraopt.setView('top')")
+    picture = _still(chromium)
+    rows, columns = chromium.region("#view")
+    view = picture[rows, columns]
+    dark = view.max(axis=-1) < 0.4
+    assert np.count_nonzero(dark) > 400
+    # the pointer visits dark pixels until one of them belongs to a cable
+    named = set()
+    spots = np.argwhere(dark)
+    for y, x in spots[:: max(1, len(spots) // 60)]:
+        chromium.call("Input.dispatchMouseEvent", type="mouseMoved", x=int(x) + columns.start, y=int(y) + rows.start)
+        named.add(chromium.evaluate("document.getElementById('hover').textContent"))
+    assert {f"cable q{i}" for i in (1, 2, 3, 4)} & named, named
+
+
+def test_phases_name_themselves_and_mark_what_they_are_about(chromium: Any, cable_page: Path) -> None:
+    chromium.open(cable_page)
+    end = cable_plan().trajectory.duration
+    text = "document.getElementById('phase').textContent"
+    assert [chromium.evaluate(f"[...document.querySelectorAll('.phase')][{k}].textContent") for k in (0, 1)] == [
+        "pull",
+        "turn",
+    ]
+    for share, name in ((0.0, "pull"), (0.39, "pull"), (0.41, "turn"), (0.8, "turn"), (0.9, ""), (1.0, "")):
+        chromium.evaluate(f"paraopt.seek({share * end!r})")
+        assert chromium.evaluate("paraopt.phase") == chromium.evaluate(text) == name, share
+        current = chromium.evaluate("document.querySelector('.phase[aria-current]')?.textContent ?? ''")
+        assert current == name
+    chromium.evaluate("paraopt.seek(0)")
+    marks = chromium.evaluate("paraopt.marks()")
+    assert [mark["label"] for mark in marks] == ["exit", "exit"]
+    np.testing.assert_allclose([mark["point"] for mark in marks], [(0, 0, 0), (0, 1, 0)], rtol=0, atol=1e-6)
+    t = 0.6 * end
+    chromium.evaluate(f"paraopt.seek({t!r})")
+    held, moving = chromium.evaluate("paraopt.marks()")
+    x, y, theta = cable_plan().trajectory(t)[-3:]
+    np.testing.assert_allclose(held["point"], (x + 0.1 * np.cos(theta), y + 0.1 * np.sin(theta), 0), rtol=0, atol=3e-4)
+    assert moving["point"] is None
+    assert set(moving["bodies"]) == {"platform", "platform bar"}
+    legend = chromium.evaluate("document.getElementById('legend').innerText")
+    assert all(label in legend for label in ("exit", "held", "moving"))
+    chromium.evaluate("document.querySelectorAll('.phase')[1].click()")
+    assert chromium.evaluate("paraopt.time") == pytest.approx(0.4 * end, abs=1e-6)
+    assert chromium.evaluate("paraopt.playing") is False
+
+
+def test_marks_are_seen_while_their_phase_lasts(chromium: Any, cable_page: Path) -> None:
+    chromium.open(cable_page)
+    end = cable_plan().trajectory.duration
+    crimson = np.array([int(style.MARKS[0][i : i + 2], 16) for i in (1, 3, 5)]) / 255
+
+    def count() -> int:
+        view = _still(chromium)[chromium.region("#view")][90:]  # below the legend
+        ratio = view / np.maximum(view.max(axis=-1, keepdims=True), 1e-6)
+        hue = np.abs(ratio - crimson / crimson.max()).max(axis=-1) < 0.12
+        return int(np.count_nonzero(hue & (view.max(axis=-1) > 0.3)))
+
+    counts = []
+    for share in (0.2, 0.9):
+        chromium.evaluate(f"paraopt.seek({share * end!r})")
+        counts.append(count())
+    assert counts[0] > 100 > counts[1]
+
+
+def test_a_page_without_phases_has_no_room_for_them(page: Any) -> None:
+    for name in ("phase", "phases"):
+        assert page.evaluate(f"document.getElementById('{name}').hidden") is True
+    assert "Cables" not in page.evaluate("document.getElementById('legend').innerText")
+    assert page.evaluate("paraopt.phase") == ""
+    assert page.evaluate("paraopt.marks().length") == 0

@@ -1,7 +1,7 @@
 """The cable robot of LARM in the plane and in space: four cables hold a platform at two points.
 
-Each cable is a leg of variable length. Its solids are left out: a cable is a line as long as its length, and no solid
-of constant size stands for it. The source prints no dimension: those here are ours.
+Each cable is a leg of variable length, whose links carry no solids: the robot's cables stand for them, which follow the
+exits and the platform. The source prints no dimension: those here are ours.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from paraopt.mechanism import (
 )
 from paraopt.mechanism.balance import GRAVITY
 from paraopt.robot import Limits, Robot
-from paraopt.shapes import Box, Capsule, Shape, Sphere
+from paraopt.shapes import Box, Cable, Capsule, Cylinder, Shape, Sphere
 from paraopt.spatial import transform
 
 CABLES = ("q1", "q2", "q3", "q4")
@@ -72,11 +72,15 @@ def larm_planar(
         home=home,
         shapes={
             "base": _frame(side),
-            "platform": [Box(size=(2 * half_width, 0.05 * side, 0.02 * side), name="platform")],
+            "platform": [
+                Box(size=(1.1 * half_width, 0.08 * side, 0.03 * side), name="platform"),
+                Capsule.between((-half_width, 0, 0), (half_width, 0, 0), 0.009 * side, name="platform bar"),
+            ],
         },
         limits=_limits(velocity, acceleration, jerk, {"x": (half_width, side - half_width), "y": (0.0, side)}),
         masses={"platform": 1.0},
-        source="Lahouar, IV.2 (structure); all dimensions, drive limits, masses, solids and home are ours",
+        cables=_list_cables(side, half_width),
+        source="Lahouar, IV.2 (structure); all dimensions, drive limits, masses, solids, cables and home are ours",
         # computed; four cables and three motions are the source's
         facts={
             "variables": 11, "equations": 8, "mobility": 3,
@@ -128,21 +132,24 @@ def larm_spatial(
     links.append(Mobile("platform", order="zyx"))
     operational = ("x", "y", "z", "gamma", "beta")
     mechanism = Mechanism("LARM, spatial", links, closures, CABLES, operational)
-    size = (2 * half_width, 0.1 * side, 0.04 * side)
     return Robot(
         mechanism,
         home=home,
         shapes={
             "base": _frame(side),
             "platform": [
-                Box(size=size, pose=transform((0, 0, -drop)), name="platform"),
-                Capsule.between((-half_width, 0, 0), (half_width, 0, 0), 0.01 * side, name="platform bar"),
+                Box(
+                    size=(1.2 * half_width, 0.1 * side, 0.04 * side), pose=transform((0, 0, -drop)), name="platform"
+                ),
+                Capsule.between((-half_width, 0, 0), (half_width, 0, 0), 0.009 * side, name="platform bar"),
+                Cylinder.between((0, 0, -drop), (0, 0, 0), 0.008 * side, name="platform post"),
             ],
         },
         limits=_limits(velocity, acceleration, jerk, ranges),
         masses={"platform": 1.0},
         tool=("platform", (0, 0, -drop)),
-        source="Lahouar, IV.2 (structure); all dimensions, drive limits, masses, solids and home are ours",
+        cables=_list_cables(side, half_width),
+        source="Lahouar, IV.2 (structure); all dimensions, drive limits, masses, solids, cables and home are ours",
         # computed; "under-constrained" is the source's
         facts={
             "variables": 18, "equations": 12, "mobility": 6,
@@ -222,6 +229,20 @@ def _cables(side: float) -> list[tuple[str, tuple[float, float, float], int]]:
 
 def _cable(name: str, side: float, axis: str) -> Prismatic:
     return Prismatic(name, axis=axis, range=(0.02 * side, 2.0 * side))
+
+
+def _list_cables(side: float, half_width: float) -> list[Cable]:
+    """List the cables as bodies, each from its exit to its end of the platform's bar.
+
+    The pulley lies within the length that is ignored at the exit; the bar holds the other end.
+    """
+    return [
+        Cable(
+            link_A="base", point_A=exit_, link_B="platform", point_B=(sign * half_width, 0, 0), radius=0.0015 * side,
+            ignore=(0.05 * side, 0.0), name=f"cable {q}",
+        )
+        for q, exit_, sign in _cables(side)
+    ]  # fmt: skip
 
 
 def _frame(side: float) -> list[Shape]:

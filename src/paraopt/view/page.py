@@ -27,7 +27,17 @@ from paraopt.io.files import write_atomically
 from paraopt.shapes import Box, Capsule, Cone, ConvexPolyhedron, Cylinder, HalfSpace, Mesh, Shape, Sphere, name_kinds
 from paraopt.spatial import AXES
 from paraopt.view import style
-from paraopt.view.content import Body, PathLine, Readout, finite_array, increasing_times
+from paraopt.view.content import (
+    Body,
+    CableLine,
+    Mark,
+    PathLine,
+    Phase,
+    Readout,
+    check_phases,
+    finite_array,
+    increasing_times,
+)
 from paraopt.view.space import cut_half_space
 
 MODULES: Mapping[str, str] = {
@@ -35,6 +45,7 @@ MODULES: Mapping[str, str] = {
     "three/addons/controls/OrbitControls.js": "three/OrbitControls.js",
     "paraopt/motion": "motion.js",
     "paraopt/solids": "solids.js",
+    "paraopt/moving": "moving.js",
     "paraopt/stage": "stage.js",
     "paraopt/charts": "charts.js",
 }
@@ -50,6 +61,8 @@ def write_page(
     poses: Any,
     paths: Sequence[PathLine] = (),
     readouts: Sequence[Readout] = (),
+    cables: Sequence[CableLine] = (),
+    phases: Sequence[Phase] = (),
     up: str = "z",
     caption: str = "",
     pose_tolerance: float = 1e-6,
@@ -66,6 +79,8 @@ def write_page(
         poses: Poses `X_WF` of the frames that carry bodies, lengths in m, shape (n, n_frames, 4, 4).
         paths: Lines in space, named in the legend.
         readouts: Quantities shown under the view, each with one value per sample.
+        cables: Straight lines between points of two frames; thin ones are drawn thick enough to be seen.
+        phases: Named parts of the motion, one after another, with what stands out during each.
         up: World axis that points upwards on the screen: "x", "y" or "z".
         caption: A sentence under the heading.
         pose_tolerance: Largest departure of `R^T R` from the identity accepted in `poses` [1].
@@ -84,6 +99,8 @@ def write_page(
         poses=poses,
         paths=paths,
         readouts=readouts,
+        cables=cables,
+        phases=phases,
         up=up,
         caption=caption,
         pose_tolerance=pose_tolerance,
@@ -99,21 +116,27 @@ def build_page(
     poses: Any,
     paths: Sequence[PathLine] = (),
     readouts: Sequence[Readout] = (),
+    cables: Sequence[CableLine] = (),
+    phases: Sequence[Phase] = (),
     up: str = "z",
     caption: str = "",
     pose_tolerance: float = 1e-6,
 ) -> str:
     """Build the text of the page that `write_page` writes; arguments and errors are the same."""
-    if not bodies:
-        raise DefinitionError("bodies is empty; a page needs at least one solid to draw")
+    if not (bodies or cables):
+        raise DefinitionError("bodies is empty; a page needs at least one solid or cable to draw")
     if up not in AXES:
         raise unknown_name("axis that points up:", up, AXES)
     instants = increasing_times(times)
     X_WF = _check_poses(poses, len(instants), pose_tolerance)
-    _check_frames(bodies, X_WF.shape[1])
+    phases = check_phases(phases, float(instants[0]), float(instants[-1]))
+    marks = [mark for phase in phases for mark in phase.marks]
+    _check_frames(bodies, cables, marks, X_WF.shape[1])
     _check_readouts(readouts, len(instants))
     bodies = _cut_half_spaces(bodies, X_WF)
-    used = sorted({int(body.frame) for body in bodies if body.frame >= 0})
+    carried = [*(b.frame for b in bodies), *(f for c in cables for f in c.frames), *(m.frame for m in marks)]
+    used = sorted({int(frame) for frame in carried if frame >= 0})
+    place = {-1: -1, **{frame: index for index, frame in enumerate(used)}}
     data = {
         "up": up,
         "count": len(instants),
@@ -124,7 +147,7 @@ def build_page(
             {
                 "name": body.name,
                 "kind": body.kind,
-                "frame": used.index(int(body.frame)) if body.frame >= 0 else -1,
+                "frame": place[int(body.frame)],
                 "shape": _describe(body.shape, body.name),
                 "pose": np.round(body.shape.pose, 9).ravel().tolist(),
             }
@@ -140,6 +163,16 @@ def build_page(
             }
             for index, line in enumerate(paths)
         ],
+        "cables": [
+            {
+                "name": cable.name,
+                "frames": [place[frame] for frame in cable.frames],
+                "points": np.round(cable.points, 9).tolist(),
+                "radius": cable.radius,
+            }
+            for cable in cables
+        ],
+        "phases": _describe_phases(phases, place),
         "readouts": [
             {
                 "name": readout.name,
@@ -150,7 +183,13 @@ def build_page(
             }
             for readout in readouts
         ],
-        "colors": {"ink": style.INK, "muted": style.MUTED, "rule": style.RULE, "axes": _axis_colors()},
+        "colors": {
+            "ink": style.INK,
+            "muted": style.MUTED,
+            "rule": style.RULE,
+            "axes": _axis_colors(),
+            "cable": style.CABLE,
+        },
     }
     imports = {name: _data_url(_asset(file)) for name, file in MODULES.items()}
     return _fill(
@@ -184,12 +223,37 @@ def _check_poses(poses: Any, n_samples: int, tolerance: float) -> NDArray[np.flo
     return X_WF
 
 
-def _check_frames(bodies: Sequence[Body], n_frames: int) -> None:
-    for body in bodies:
-        if body.frame >= n_frames:
-            raise DefinitionError(
-                f"frame of body {body.name!r} is {body.frame}, but poses hold {n_frames} frames (0 to {n_frames - 1})"
-            )
+def _check_frames(bodies: Sequence[Body], cables: Sequence[CableLine], marks: Sequence[Mark], n_frames: int) -> None:
+    frames = [(f"body {body.name!r}", body.frame) for body in bodies]
+    frames += [(f"cable {cable.name!r}", frame) for cable in cables for frame in cable.frames]
+    frames += [(f"mark {mark.label!r}", mark.frame) for mark in marks]
+    for what, frame in frames:
+        if frame >= n_frames:
+            raise DefinitionError(f"frame of {what} is {frame}, but poses hold {n_frames} frames (0 to {n_frames - 1})")
+
+
+def _describe_phases(phases: Sequence[Phase], place: Mapping[int, int]) -> list[dict[str, Any]]:
+    """Describe phases; marks of one label take its colour, which is given out in the order of the labels."""
+    labels = list(dict.fromkeys(mark.label for phase in phases for mark in phase.marks))
+    colors = {label: style.MARKS[index % len(style.MARKS)] for index, label in enumerate(labels)}
+    colors |= {mark.label: mark.color for phase in phases for mark in phase.marks if mark.color}
+    return [
+        {
+            "name": phase.name,
+            "begin": phase.begin,
+            "end": phase.end,
+            "marks": [
+                {
+                    "label": mark.label,
+                    "color": mark.color or colors[mark.label],
+                    "frame": place[int(mark.frame)],
+                    "point": None if mark.point is None else list(mark.point),
+                }
+                for mark in phase.marks
+            ],
+        }
+        for phase in phases
+    ]
 
 
 def _check_readouts(readouts: Sequence[Readout], n_samples: int) -> None:

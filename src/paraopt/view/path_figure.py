@@ -15,7 +15,7 @@ from paraopt.shapes import HalfSpace, Shape
 from paraopt.spatial import finite_vector
 from paraopt.view import style
 from paraopt.view.canvas import axis_label, display_scale, in_house_style, new_figure
-from paraopt.view.content import PathLine
+from paraopt.view.content import PathLine, finite_array
 from paraopt.view.render import list_faces
 from paraopt.view.space import dress_space, fill_half_space, sample_surfaces
 
@@ -33,6 +33,7 @@ def draw_path(
     *,
     start: Any = None,
     goal: Any = None,
+    cables: Any = (),
     title: str,
     surroundings: float = 1.0,
 ) -> Figure:
@@ -46,6 +47,8 @@ def draw_path(
         obstacles: Solids whose `pose` is in the world: translucent in space, silhouettes in the projections.
         start: First point [m], shape (3,), marked; None for none.
         goal: Last point [m], shape (3,), marked; None for none.
+        cables: Ends of cables at some instants from start to goal [m], shape (n, n_cables, 2, 3); the goal's are drawn
+            in full, the earlier the fainter. The picture holds them whole.
         title: Heading of the figure.
         surroundings: How far around the paths obstacles are shown, as a share of the paths' extent [1].
 
@@ -61,6 +64,8 @@ def draw_path(
     clouds = [line.points for line in paths] + [point[None, :] for point in ends.values()]
     if not clouds:
         raise DefinitionError("paths is empty and there is neither start nor goal: nothing to draw")
+    strands = _read_cables(cables)
+    clouds.append(strands.reshape(-1, 3))
     finite = [solid for solid in obstacles if not isinstance(solid, HalfSpace)]
     surfaces = [sample_surfaces(solid) for solid in finite]
     low, high = _choose_limits(np.vstack(clouds), list(itertools.chain(*surfaces)), surroundings)
@@ -98,6 +103,15 @@ def draw_path(
         space.plot(*points.T, label=line.name, zorder=10, **look)
         above.plot(points[:, 0], points[:, 1], **look)
         front.plot(points[:, 0], points[:, 2], **look)
+    for index, instant in enumerate(factor * strands):
+        # the goal last, dark; what was before it is a shadow of it
+        last = index == len(strands) - 1
+        thin: dict[str, Any] = {"color": style.CABLE, "linewidth": 1.2 if last else 0.8, "zorder": 6 if last else 5}
+        thin["alpha"] = 1.0 if last else 0.15 + 0.35 * index / len(strands)
+        for k, ends_of_cable in enumerate(instant):
+            space.plot(*ends_of_cable.T, label="cables" if last and k == 0 else None, **thin)
+            above.plot(*ends_of_cable[:, :2].T, **thin)
+            front.plot(*ends_of_cable[:, [0, 2]].T, **thin)
     for word, point in ends.items():
         marker: dict[str, Any] = {
             "marker": "o" if word == "start" else "s",
@@ -125,6 +139,13 @@ def draw_path(
         labels.append("obstacle" if shown == 1 else "obstacles")
     figure.legend(handles, labels, loc="outside lower left", ncols=min(len(labels), 6))
     return figure
+
+
+def _read_cables(cables: Any) -> NDArray[np.float64]:
+    """Copy ends of cables into an array (n, n_cables, 2, 3), without instants where there are no cables."""
+    if np.size(cables) == 0:
+        return np.empty((0, 0, 2, 3))
+    return finite_array(cables, (None, None, 2, 3), "cables")
 
 
 def _draw_solid(space: Any, surface: NDArray[np.float64]) -> None:

@@ -28,8 +28,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-COLORS = {**style.KIND_COLORS, "robot": "#B4BFCA"}
-LABELS = {"base": "base", "robot": "links", "actuator": "links moved by an actuator", "platform": "platform or tool"}
+COLORS = {**style.KIND_COLORS, "robot": "#B4BFCA", "cable": style.CABLE}
+LABELS = {
+    "base": "base",
+    "robot": "links",
+    "actuator": "links moved by an actuator",
+    "platform": "platform or tool",
+    "cable": "cables",
+}
 ELEVATION, AZIMUTH = 22.0, -56.0
 """From where a robot in space is seen [deg]."""
 
@@ -42,7 +48,7 @@ class Piece:
     """Hold one thing to draw, in the world.
 
     Attributes:
-        kind: "base", "robot", "actuator" or "platform".
+        kind: "base", "robot", "actuator", "platform" or "cable".
         points: Grid of points on the surface of a convex solid, shape (rows, columns, 3), or the vertices of a line,
             shape (k, 3) [m]; a single one is drawn as a dot.
         line: Whether it is a line or a dot.
@@ -66,8 +72,8 @@ def draw_robot(
     """Draw a robot at home or at another configuration.
 
     Colours tell the base, the links that an actuator moves, the platform, and the other links. A link without solids is
-    drawn as a line through the points at which others are tied to it; where an actuator changes its length, such as a
-    cable, the line is solid, elsewhere dashed. A planar robot is seen from above.
+    drawn as a line through the points at which others are tied to it; where an actuator changes its length the line is
+    solid, elsewhere dashed. Cables are thin lines from end to end. A planar robot is seen from above.
 
     Args:
         robot: The robot.
@@ -102,7 +108,7 @@ def draw_robot(
 
 
 def list_pieces(robot: Robot, configuration: Configuration) -> list[Piece]:
-    """List what is drawn of a robot: its solids, and lines for links that have none.
+    """List what is drawn of a robot: its solids, its cables, and lines for links that have neither.
 
     Args:
         robot: The robot.
@@ -113,6 +119,10 @@ def list_pieces(robot: Robot, configuration: Configuration) -> list[Piece]:
     """
     kinds = list_link_kinds(robot.mechanism)
     poses = _poses_by_link(robot, configuration)
+    cables = [
+        np.array([_move(poses[link], np.array(point)) for link, point in zip(cable.links, cable.points, strict=True)])
+        for cable in robot.cables
+    ]
     pieces = []
     for link in robot.mechanism.links:
         X_WL = poses[link.name]
@@ -126,8 +136,16 @@ def list_pieces(robot: Robot, configuration: Configuration) -> list[Piece]:
             lines.append(np.array([_move(poses[link.father], np.array(link.at)), X_WL[:3, 3]]))
         if not lines and not robot.shapes.get(link.name) and kinds[link.name] == "platform":
             lines.append(X_WL[None, :3, 3])
+        # a leg of variable length that stands for a cable is that cable
+        lines = [line for line in lines if not any(_is_same_line(line, cable, robot) for cable in cables)]
         pieces += [Piece(kinds[link.name], line, line=True, dashed=not driven) for line in lines]
-    return pieces
+    return pieces + [Piece("cable", cable, line=True) for cable in cables]
+
+
+def _is_same_line(line: Array, cable: Array, robot: Robot) -> bool:
+    """Tell whether a line runs from end to end of a cable, in either direction."""
+    near = 1e-6 * robot.mechanism.length
+    return line.shape == cable.shape and any(np.allclose(line, way, rtol=0, atol=near) for way in (cable, cable[::-1]))
 
 
 def _poses_by_link(robot: Robot, configuration: Configuration) -> dict[str, Array]:
@@ -221,10 +239,11 @@ def _draw_space(pieces: Sequence[Piece], cloud: Array, unit: str, resolution: fl
     view = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     fine = 2.0 * resolution  # pixels per inch; halved when drawn, which smooths steps
     camera = Camera(fine * across, fine * (origin - across @ middle), np.array(view))
+    thin = (0.0035 * span, 0.0022 * span)
     solids = [
         Solid(surface, to_rgb(COLORS[piece.kind]), group)
         for group, piece in enumerate(pieces)
-        for surface in (_tubes(piece, 0.0035 * span) if piece.line else [piece.points])
+        for surface in (_tubes(piece, thin[piece.kind == "cable"]) if piece.line else [piece.points])
     ]
     columns, rows = (round(v) for v in (fine * total).tolist())
     picture = render(solids, camera, columns, rows)
@@ -298,11 +317,12 @@ def _draw_flat(pieces: Sequence[Piece], pivots: Sequence[tuple[Array, bool]], cl
         color = COLORS[piece.kind]
         if piece.line:
             dashes: Any = (0.0, (3.0, 2.0)) if piece.dashed else "-"
+            width = 1.3 if piece.kind == "cable" else 2.0
             if len(piece.points) == 1:
                 look: dict[str, Any] = {"markerfacecolor": color, "markeredgecolor": _darken(color), "zorder": 5}
                 axes.plot(*piece.points[:, :2].T, "o", markersize=9, **look)
             else:
-                axes.plot(*piece.points[:, :2].T, color=color, linewidth=2.0, linestyle=dashes, zorder=1.5)
+                axes.plot(*piece.points[:, :2].T, color=color, linewidth=width, linestyle=dashes, zorder=1.5)
             continue
         points = piece.points.reshape(-1, 3)[:, :2]
         outline = points[ConvexHull(points).vertices]
@@ -361,7 +381,7 @@ def _write_legend(figure: Figure, pieces: Sequence[Piece]) -> None:
         elif any(p.kind == kind and p.line for p in pieces):
             dashed = all(p.dashed for p in pieces if p.kind == kind)
             look: Any = "--" if dashed else "-"
-            text = f"{label}, without solids"
+            text = label if kind == "cable" else f"{label}, without solids"
             handles.append(Line2D([], [], color=COLORS[kind], linewidth=1.8, linestyle=look, label=text))
     columns = len(handles) if figure.get_size_inches()[0] > 1.75 * len(handles) else 2
     figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=columns, columnspacing=1.2)

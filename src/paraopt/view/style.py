@@ -37,6 +37,12 @@ KIND_COLORS: Mapping[str, str] = MappingProxyType(
 )
 """Colour of a body by its kind."""
 
+CABLE = "#333D49"
+"""Colour of cables."""
+
+MARKS = ("#D81B60", "#004D40", "#F0E442", "#7B3FA0")
+"""Colours of the marks of a phase, in the order of their labels: neither those of bodies nor the first of paths."""
+
 KIND_LABELS: Mapping[str, str] = MappingProxyType(
     {"robot": "Links", "platform": "Platform", "base": "Base", "obstacle": "Obstacles", "actuator": "Actuators"}
 )

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import paraopt as po
-from paraopt.view import Body, PathLine, Readout
-from paraopt.view.content import KINDS, increasing_times
+from paraopt.view import Body, CableLine, Mark, PathLine, Phase, Readout
+from paraopt.view.content import KINDS, check_phases, increasing_times
 from paraopt.view.style import KIND_COLORS, KIND_LABELS, check_color, path_color, series_color, series_dash
 
 BALL = po.Sphere(radius=0.1)
@@ -33,6 +33,23 @@ BALL = po.Sphere(radius=0.1)
         (lambda: Readout("speed", "m/s", [1.0, np.inf]), r"values of readout 'speed': entry \(1,\) is inf"),
         (lambda: Readout("speed", "m/s", [1.0], bound=np.nan), "bound of readout 'speed'"),
         (lambda: Readout("speed", "m/s", [1.0], side="above"), "side of readout 'speed': 'above'"),
+        (lambda: CableLine("rope", (0, -2), np.zeros((2, 3)), 0.1), "frame of cable 'rope' is -2"),
+        (lambda: CableLine("rope", (0,), np.zeros((2, 3)), 0.1), "frames of cable 'rope' are"),  # type: ignore[arg-type]
+        (lambda: CableLine("rope", (0, 1), np.zeros((1, 3)), 0.1), r"points of cable 'rope': shape is \(1, 3\)"),
+        (lambda: CableLine("rope", (0, 1), np.full((2, 3), np.nan), 0.1), "points of cable 'rope': entry"),
+        (lambda: CableLine("rope", (0, 1), np.zeros((2, 3)), 0.0), "radius of cable 'rope' is 0.0 m"),
+        (lambda: Mark("", 0), "label of a mark is ''"),
+        (lambda: Mark("foot", -3), "frame of mark 'foot' is -3"),
+        (lambda: Mark("foot", 0, (0, 0)), "point of mark 'foot'"),
+        (lambda: Mark("foot", 0, color="red"), "color of mark 'foot' is 'red'"),
+        (lambda: Phase("", 0.0, 1.0), "name of a phase is ''"),
+        (lambda: Phase("swing", 1.0, 1.0), "phase 'swing' lasts from 1.0 s to 1.0 s; it must end after it begins"),
+        (lambda: Phase("swing", 0.0, np.inf), "begin and end of 'swing'"),
+        (lambda: Phase("swing", 0.0, 1.0, ["foot"]), "marks of phase 'swing' hold 'foot'"),  # type: ignore[list-item]
+        (lambda: check_phases([Phase("a", 0, 1), Phase("b", 0.5, 2)], 0, 2), "'b' begins at 0.5 s, before 'a' ended"),
+        (lambda: check_phases([Phase("a", 2, 3)], 0, 2), "'a' lasts from 2.0 s to 3.0 s, the motion from 0 s to 2 s"),
+        (lambda: check_phases([Phase("a", -1, 0)], 0, 2), "they must have time in common"),
+        (lambda: check_phases(["a"], 0, 2), "phases hold 'a'; each must be a Phase"),  # type: ignore[list-item]
         (lambda: increasing_times([0.0, 0.0]), "instant 1 is 0.0 s, after 0.0 s"),
         (lambda: increasing_times([0.0, 1.0, 0.5]), "instant 2 is 0.5 s, after 1.0 s"),
         (lambda: increasing_times([]), r"times: shape is \(0,\)"),
@@ -54,6 +71,12 @@ def test_arrays_are_copied_in_and_read_only() -> None:
     for array in (line.points, readout.values, increasing_times([0.0, 1.0])):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
+
+
+def test_phases_may_leave_time_between_them() -> None:
+    phases = [Phase("a", 0, 1), Phase("b", 1, 1.5), Phase("c", 2, 9)]
+    assert check_phases(phases, 0.0, 3.0) == tuple(phases)
+    assert check_phases([], 0.0, 3.0) == ()
 
 
 def test_every_kind_has_a_colour_and_a_label() -> None:

@@ -12,9 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motions import TASKS, TOOL_TOP, plan_of, problem_of, turning_problem
-from paraopt.view import draw_motion, list_page_bodies, save_figure, write_motion_page
-from paraopt.view.motion import trace
+import paraopt as po
+from motions import TASKS, TOOL_TOP, cable_plan, plan_of, problem_of, turning_problem
+from paraopt.view import (
+    Phase,
+    draw_motion,
+    list_page_bodies,
+    list_page_cables,
+    mark_link,
+    save_figure,
+    style,
+    write_motion_page,
+)
+from paraopt.view.motion import list_cable_ends, trace
 
 
 @pytest.fixture(scope="module")
@@ -119,3 +129,57 @@ def test_a_page_says_when_a_motion_is_not_certified(tmp_path: Path) -> None:
     certificate = dataclasses.replace(plan.certificate, checks=(failed, *plan.certificate.checks[1:]))
     path = write_motion_page(tmp_path / "motion.html", plan.problem, plan.seed, plan.trajectory, certificate)
     assert "<h1>RAF: NOT certified</h1>" in path.read_text(encoding="utf-8")
+
+
+def test_the_page_of_a_cable_robot_carries_its_cables_and_its_phases(tmp_path: Path) -> None:
+    plan = cable_plan()
+    mechanism, end = plan.problem.robot.mechanism, plan.trajectory.duration
+    phases = [Phase("first", 0.0, 0.5 * end, [mark_link(mechanism, "held", "platform", (0.1, 0.0))]),
+              Phase("second", 0.5 * end, end, [mark_link(mechanism, "free", "platform")])]  # fmt: skip
+    path = write_motion_page(
+        tmp_path / "motion.html", plan.problem, plan.seed, plan.trajectory, plan.certificate, 20.0, phases
+    )
+    match = re.search(r'<script id="data" type="application/json">(.*?)</script>', path.read_text("utf-8"), re.DOTALL)
+    assert match is not None
+    data = json.loads(match[1])
+    assert [c["name"] for c in data["cables"]] == [f"cable q{i}" for i in (1, 2, 3, 4)]
+    assert [p["name"] for p in data["phases"]] == ["first", "second"]
+    platform = next(b["frame"] for b in data["bodies"] if b["name"] == "platform")
+    assert [p["marks"][0]["frame"] for p in data["phases"]] == [platform, platform]
+    assert data["phases"][0]["marks"][0]["point"] == [0.1, 0.0, 0.0]
+    # from their two frames the cables are as long as their variables
+    times = np.frombuffer(base64.b64decode(data["times"]), dtype="<f4").astype(float)
+    poses = np.frombuffer(base64.b64decode(data["poses"]), dtype="<f4").reshape(len(times), data["frames"], 7)
+    X = plan.trajectory(np.clip(times, 0.0, end))
+    for k, cable in enumerate(data["cables"]):
+        tips = []
+        for frame, point in zip(cable["frames"], cable["points"], strict=True):
+            turn = 2.0 * np.arctan2(poses[:, frame, 5], poses[:, frame, 6])
+            x, y, z = point
+            away = [x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn), z + 0.0 * turn]
+            tips.append(poses[:, frame, :3] + np.column_stack(away))
+        np.testing.assert_allclose(np.linalg.norm(tips[1] - tips[0], axis=1), X[:, k], rtol=0, atol=1e-6)
+
+
+def test_ends_of_cables_follow_their_links() -> None:
+    plan = cable_plan()
+    X = plan.path(np.linspace(0.0, 1.0, 7))
+    ends = list_cable_ends(plan.problem.scene, X)
+    assert ends.shape == (7, 4, 2, 3)
+    np.testing.assert_allclose(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), X[:, :4], rtol=0, atol=1e-9)
+    lines = list_page_cables(plan.problem.scene)
+    assert [line.name for line in lines] == [f"cable q{i}" for i in (1, 2, 3, 4)]
+    assert list_cable_ends(problem_of("free").scene, plan_of("free").path([0.5])).shape == (1, 0, 2, 3)
+    assert list_page_cables(problem_of("free").scene) == ()
+    with pytest.raises(po.UnknownNameError, match=r"link of mark 'held': 'platfrom'.*did you mean 'platform'"):
+        mark_link(plan.problem.robot.mechanism, "held", "platfrom")
+
+
+def test_the_path_figure_of_a_cable_robot_holds_its_cables(looked_at: Any) -> None:
+    plan = cable_plan()
+    figure = draw_motion(plan.problem, plan.seed, plan.trajectory, plan.certificate)["path"]
+    assert "cables" in looked_at.texts(figure)
+    drawn = [k for k in figure.axes[1].get_lines() if k.get_color() == style.CABLE]
+    assert len(drawn) == 5 * 4  # from start to goal, four cables each
+    goal = list_cable_ends(plan.problem.scene, plan.path([1.0]))[0]
+    np.testing.assert_allclose([k.get_xydata() for k in drawn[-4:]], 1e3 * goal[:, :, :2], rtol=0, atol=1e-3)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import paraopt as po
-from paraopt.view import Body, PathLine, Readout, build_page, write_page
+from paraopt.view import Body, CableLine, Mark, PathLine, Phase, Readout, build_page, style, write_page
 from paraopt.view.page import MODULES
 
 TIMES = np.linspace(0.0, 1.0, 5)
@@ -165,6 +165,43 @@ def test_frames_that_carry_nothing_are_left_out() -> None:
     np.testing.assert_allclose(_numbers(data["poses"]).reshape(5, 7)[:, 1], 0.6, rtol=0, atol=1e-6)
 
 
+def test_cables_are_carried_with_the_frames_of_their_ends() -> None:
+    cables = [
+        CableLine("rope", (-1, 4), [(0, 0, 1), (0.1, 0, 0)], 0.002),
+        CableLine("hose", (0, 4), np.ones((2, 3)), 0.01),
+    ]
+    data = _data(build_page(**_arguments(cables=cables, poses=_poses(frames=5))))
+    assert data["frames"] == 3  # 0 and 1 of the bodies, 4 of the cables alone
+    assert [cable["frames"] for cable in data["cables"]] == [[-1, 2], [0, 2]]
+    assert data["cables"][0] == {"name": "rope", "frames": [-1, 2], "points": [[0, 0, 1], [0.1, 0, 0]], "radius": 0.002}
+    assert data["colors"]["cable"] == style.CABLE
+    # a page may hold nothing else
+    alone = _data(build_page(title="", bodies=[], cables=cables[:1], times=TIMES, poses=_poses(frames=5)))
+    assert alone["frames"] == 1
+    assert alone["bodies"] == []
+
+
+def test_phases_are_carried_and_labels_have_colours() -> None:
+    phases = [
+        Phase("stand", 0.0, 0.4, [Mark("fixed", 0, (0, 0, 1)), Mark("fixed", 1, (0, 0, 2))]),
+        Phase("swing", 0.4, 1.0, [Mark("fixed", 0, (0, 0, 1)), Mark("free", 3), Mark("odd", -1, (1, 2, 3), "#123456")]),
+    ]
+    data = _data(build_page(**_arguments(phases=phases, poses=_poses(frames=4))))
+    assert data["frames"] == 3
+    stand, swing = data["phases"]
+    assert (stand["name"], stand["begin"], stand["end"]) == ("stand", 0.0, 0.4)
+    assert [mark["frame"] for mark in stand["marks"]] == [0, 1]
+    assert [mark["frame"] for mark in swing["marks"]] == [0, 2, -1]
+    assert [mark["point"] for mark in swing["marks"]] == [[0, 0, 1], None, [1, 2, 3]]
+    assert {mark["color"] for mark in stand["marks"]} == {style.MARKS[0]} == {swing["marks"][0]["color"]}
+    assert [mark["color"] for mark in swing["marks"][1:]] == [style.MARKS[1], "#123456"]
+
+
+def test_without_cables_and_phases_there_are_none() -> None:
+    data = _data(build_page(**_arguments()))
+    assert data["cables"] == data["phases"] == []
+
+
 def test_a_scene_that_does_not_move_has_a_page_too() -> None:
     bodies = [Body("floor", po.Box(size=(1.0, 1.0, 0.1)))]
     data = _data(build_page(title="", bodies=bodies, times=[0.0], poses=np.zeros((1, 0, 4, 4))))
@@ -186,6 +223,8 @@ def test_names_cannot_break_out() -> None:
         "bodies": bodies,
         "paths": [PathLine(NASTY, np.zeros((2, 3)))],
         "readouts": [Readout(NASTY, "</script>", np.zeros(5))],
+        "cables": [CableLine(NASTY, (0, 1), np.ones((2, 3)), 0.1)],
+        "phases": [Phase(NASTY, 0.0, 1.0, [Mark(NASTY, 0)])],
     }
     page, harmless = build_page(**_arguments(**changes)), build_page(**_arguments())
     looked, usual = _Links(), _Links()
@@ -196,6 +235,7 @@ def test_names_cannot_break_out() -> None:
     assert "<script>window.hacked" not in page
     data = _data(page)
     assert data["bodies"][0]["name"] == data["paths"][0]["name"] == data["readouts"][0]["name"] == NASTY
+    assert data["cables"][0]["name"] == data["phases"][0]["name"] == data["phases"][0]["marks"][0]["label"] == NASTY
 
 
 def test_braces_are_not_taken_for_places_to_fill() -> None:
@@ -230,6 +270,12 @@ def _spoilt_poses(change: Any) -> np.ndarray:
         ),
         ({"poses": _spoilt_poses(lambda p: p.__setitem__((0, 0, 3, 0), 1e-3))}, "is not a rigid pose"),
         ({"bodies": [Body("hand", po.Sphere(radius=1.0), 2)]}, "frame of body 'hand' is 2, but poses hold 2 frames"),
+        (
+            {"cables": [CableLine("rope", (0, 2), np.ones((2, 3)), 1)]},
+            "frame of cable 'rope' is 2, but poses hold 2 frames",
+        ),
+        ({"phases": [Phase("swing", 0, 1, [Mark("foot", 7)])]}, "frame of mark 'foot' is 7, but poses hold 2 frames"),
+        ({"phases": [Phase("swing", 3, 4)]}, "phase 'swing' lasts from 3.0 s to 4.0 s, the motion from 0.0 s to 1.0 s"),
         ({"readouts": [Readout("speed", "", [1.0])]}, "values of readout 'speed': there are 1 for 5 times"),
     ],
 )

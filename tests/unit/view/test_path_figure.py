@@ -10,7 +10,7 @@ import pytest
 
 import paraopt as po
 from motions import OBSTACLES, plan_of, problem_of
-from paraopt.view import PathLine, draw_path, save_figure
+from paraopt.view import PathLine, draw_path, save_figure, style
 from paraopt.view.motion import trace
 
 S = np.linspace(0.0, 1.0, 41)
@@ -101,3 +101,24 @@ def test_a_saved_figure_is_not_blank(tmp_path: Path, looked_at: Any) -> None:
 def test_faulty_paths_are_refused(arguments: tuple[Any, ...], options: dict[str, Any], words: str) -> None:
     with pytest.raises(po.DefinitionError, match=words):
         draw_path(*arguments, **options, title="")
+
+
+def test_cables_are_held_whole_and_the_last_stand_out(looked_at: Any) -> None:
+    line = PathLine("way", [[0.4, 0.5, 0.0], [0.6, 0.5, 0.0]])
+    ends = np.array([[[(0, 0, 0.3), (x, 0.5, 0)], [(1, 1, 0.3), (x, 0.5, 0)]] for x in (0.4, 0.5, 0.6)])
+    figure = draw_path([line], cables=ends, title="cables")
+    assert looked_at.texts(figure).count("cables") == 2  # the title, and one entry of the legend
+    above = figure.axes[1]
+    drawn = [k for k in above.get_lines() if k.get_color() == style.CABLE]
+    assert len(drawn) == 6
+    alphas = [k.get_alpha() for k in drawn]
+    assert alphas == sorted(alphas)
+    assert alphas[-2:] == [1.0, 1.0]
+    np.testing.assert_allclose(drawn[-1].get_xydata(), 1e3 * ends[-1, 1, :, :2], rtol=0, atol=1e-9)
+    (left, right), (low, high) = above.get_xlim(), above.get_ylim()
+    assert left < 0 < 1000 < right
+    assert low < 0 < 1000 < high
+    bare = draw_path([line], title="no cables")
+    assert bare.axes[1].get_xlim()[0] > 0
+    with pytest.raises(po.DefinitionError, match="cables: shape is"):
+        draw_path([line], cables=ends[0], title="")

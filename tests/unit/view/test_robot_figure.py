@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -141,13 +142,41 @@ def test_pieces_are_the_solids_in_the_world() -> None:
     assert highest.points[..., 2].max() == pytest.approx(tip[2], abs=1e-12)
 
 
-def test_cables_are_solid_lines_as_long_as_their_variables() -> None:
-    robot = po.robots.larm_spatial()
+@pytest.mark.parametrize("build", [po.robots.larm_planar, po.robots.larm_spatial])
+def test_cables_are_solid_lines_as_long_as_their_variables(build: Any) -> None:
+    robot = build()
     configuration = robot.home_configuration
-    lines = [piece for piece in list_pieces(robot, configuration) if piece.line and piece.kind == "actuator"]
+    lines = [piece for piece in list_pieces(robot, configuration) if piece.line]
+    # nothing beside them: the legs that they stand for are not drawn a second time
+    assert {line.kind for line in lines} == {"cable"}
     assert all(not line.dashed for line in lines)
     lengths = sorted(float(np.linalg.norm(np.diff(line.points, axis=0))) for line in lines)
     np.testing.assert_allclose(lengths, sorted(configuration.active), rtol=1e-9)
+    # without them the legs are lines that an actuator moves, in the same places
+    bare = [p for p in list_pieces(dataclasses.replace(robot, cables=()), configuration) if p.line]
+    legs = [p.points for p in bare if p.kind == "actuator"]
+    for cable in lines:
+        assert any(np.allclose(cable.points, leg, rtol=0, atol=1e-9) for leg in legs)
+
+
+def test_cables_are_in_the_picture_and_in_the_legend(tmp_path: Path, looked_at: Any) -> None:
+    robot = po.robots.larm_spatial()
+    bare = dataclasses.replace(robot, cables=[])
+    with_cables, without = draw_robot(robot, tmp_path / "a.png"), draw_robot(bare, tmp_path / "b.png")
+    assert "cables" in looked_at.texts(with_cables)
+    assert "cables" not in looked_at.texts(without)
+    pictures = [looked_at.read_png(tmp_path / name) for name in ("a.png", "b.png")]
+    dark = [int(np.count_nonzero(picture.max(axis=-1) < 0.35)) for picture in pictures]
+    assert dark[0] > dark[1] + 500
+
+
+def test_a_cable_that_is_no_leg_is_drawn_beside_the_legs() -> None:
+    hose = po.Cable(link_A="base", point_A=(0, 0, 0.5), link_B="tool", point_B=(0, 0, 0), radius=0.01, name="hose")
+    robot = dataclasses.replace(arm(), cables=[hose])
+    pieces = list_pieces(robot, robot.home_configuration)
+    (cable,) = [p for p in pieces if p.kind == "cable"]
+    np.testing.assert_allclose(cable.points, [[0, 0, 0.5], [0.3, 0, 0.1]], rtol=0, atol=1e-9)
+    assert len(pieces) == len(list_pieces(arm(), robot.home_configuration)) + 1
 
 
 def test_a_link_without_solids_is_a_line_and_a_tool_without_any_a_dot() -> None:

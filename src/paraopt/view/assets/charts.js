@@ -44,6 +44,38 @@ function pickSamples(values) {
   return [...picked].sort((a, b) => a - b);
 }
 
+/**
+ * Build the strip of the phases and the line that names the present one. Returns the function that moves both to an
+ * instant and gives the index of the phase there, -1 for none. `seek(time)` is called when a phase is chosen.
+ */
+export function createPhases(container, title, phases, motion, seek) {
+  const span = motion.end - motion.start || 1;
+  const parts = phases.map((phase) => {
+    const part = element("button", "phase", container, phase.name);
+    part.type = "button";
+    part.title = `${phase.name}: ${phase.begin.toFixed(2)} to ${phase.end.toFixed(2)} s`;
+    const [from, to] = [phase.begin, phase.end].map((time) => Math.min(1, Math.max(0, (time - motion.start) / span)));
+    part.style.left = `${100 * from}%`;
+    part.style.width = `${100 * (to - from)}%`;
+    part.addEventListener("click", () => seek(phase.begin));
+    return part;
+  });
+  container.hidden = title.hidden = !phases.length;
+  let shown = -2;
+  return (time) => {
+    // The later of two that meet; the last one holds its end, too.
+    let index = phases.findLastIndex((phase) => phase.begin <= time + 1e-9);
+    if (index >= 0 && time > phases[index].end + 1e-9) index = -1;
+    if (index !== shown) {
+      parts[shown]?.removeAttribute("aria-current");
+      parts[index]?.setAttribute("aria-current", "step");
+      title.textContent = phases[index]?.name ?? "";
+      shown = index;
+    }
+    return index;
+  };
+}
+
 /** Build the cards; returns the function that moves their cursors. `seek(time)` is called while one is dragged. */
 export function createCharts(container, data, motion, seek) {
   const span = motion.end - motion.start || 1;

@@ -1,6 +1,6 @@
 // The page: clock, controls, legend. Where WebGL is missing, playback and charts go on without the view.
 import { createMotion } from "paraopt/motion";
-import { createCharts } from "paraopt/charts";
+import { createCharts, createPhases } from "paraopt/charts";
 import { createStage } from "paraopt/stage";
 
 const END_PAUSE = 0.7; // s of rest at the goal before the motion starts again
@@ -27,11 +27,13 @@ let looping = true;
 let speed = 1;
 let rest = 0;
 const decimals = duration < 1 ? 3 : 2;
+const strip = createPhases(byId("phases"), byId("phase"), data.phases, motion, (instant) => { setPlaying(false); seek(instant); });
 const charts = createCharts(byId("readouts"), data, motion, (instant) => { setPlaying(false); seek(instant); });
 
 function seek(instant) {
   time = Math.min(motion.end, Math.max(motion.start, Number(instant)));
   rest = 0;
+  stage?.setPhase(strip(time));
   stage?.setTime(time);
   charts(time);
   byId("scrubber").value = duration ? (1000 * (time - motion.start)) / duration : 0;
@@ -64,7 +66,7 @@ function addLegend(label, mark, color, group) {
   const item = document.createElement("li");
   const sign = document.createElement("span");
   sign.className = mark;
-  sign.style[mark === "swatch" ? "background" : "borderTopColor"] = color;
+  sign.style[mark.startsWith("stroke") ? "borderTopColor" : "background"] = color;
   item.append(sign, label);
   item.dataset.group = group;
   legend.append(item);
@@ -72,6 +74,9 @@ function addLegend(label, mark, color, group) {
 for (const [kind, { label, color }] of Object.entries(data.kinds)) {
   if (data.bodies.some((body) => body.kind === kind)) addLegend(label, "swatch", color, kind === "obstacle" ? "obstacles" : "");
 }
+if (data.cables.length) addLegend("Cables", "stroke", data.colors.cable, "");
+const labels = new Map(data.phases.flatMap((phase) => phase.marks.map(({ label, color }) => [label, color])));
+for (const [label, color] of labels) addLegend(label, "ball", color, "");
 for (const path of data.paths) addLegend(path.name, path.dashed ? "stroke dashed" : "stroke", path.color, "paths");
 
 // --- Controls
@@ -176,4 +181,10 @@ window.paraopt = {
   toggle,
   /** World pose of a body as drawn: 16 numbers, row by row. */
   poseOf(name) { return stage ? stage.poseOf(name) : null; },
+  /** World position of both ends of a cable as drawn: two times x, y, z. */
+  endsOf(name) { return stage ? stage.endsOf(name) : null; },
+  /** Name of the phase that is shown, "" for none. */
+  get phase() { return data.phases[strip(time)]?.name ?? ""; },
+  /** What stands out now: label, color, point in the world or null, names of coloured bodies. */
+  marks() { return stage ? stage.marks() : []; },
 };

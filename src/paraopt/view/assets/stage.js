@@ -3,6 +3,7 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { niceStep, printLength } from "paraopt/motion";
 import { buildBody, buildGround, buildPath } from "paraopt/solids";
+import { createCables, createMarks } from "paraopt/moving";
 
 const AXES = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) };
 const SAMPLES = 48; // instants at which the reach of the motion is looked at
@@ -30,6 +31,9 @@ export function createStage(canvas, axesCanvas, data, motion) {
     (body.frame < 0 ? world : carriers[body.frame]).add(mesh);
     return { ...body, mesh };
   });
+  const cables = createCables(data.cables, world, carriers, data.colors.cable);
+  scene.add(cables.group);
+  let thinnest = 0; // radius below which no cable is drawn [m]
   const buffer = new Float64Array(7);
   function place(time) {
     const at = motion.at(time);
@@ -39,10 +43,14 @@ export function createStage(canvas, axesCanvas, data, motion) {
       carrier.quaternion.set(a, b, c, d);
     });
     scene.updateMatrixWorld();
+    if (!cables.rods.length) return;
+    cables.place(thinnest);
+    cables.group.updateMatrixWorld();
   }
 
   // --- Reach of the whole motion: corners of every body at many instants
   const reach = bodies.map(() => []);
+  const ends = [];
   for (let s = 0; s < SAMPLES; s += 1) {
     place(motion.start + ((motion.end - motion.start) * s) / (SAMPLES - 1));
     bodies.forEach((body, index) => {
@@ -54,9 +62,10 @@ export function createStage(canvas, axesCanvas, data, motion) {
         reach[index].push(point.applyMatrix4(body.mesh.matrixWorld));
       }
     });
+    for (const cable of cables.rods) ends.push(...cable.ends.map((end) => end.at.clone()));
   }
   place(motion.start);
-  const own = reach.filter((_, index) => bodies[index].kind !== "obstacle").flat();
+  const own = [...reach.filter((_, index) => bodies[index].kind !== "obstacle").flat(), ...ends];
   const robotSphere = new THREE.Box3().setFromPoints(own.length ? own : reach.flat()).getBoundingSphere(new THREE.Sphere());
   // An obstacle that dwarfs the robot (a floor, a wall) is drawn but does not decide the framing.
   const framed = reach.filter((points, index) => {
@@ -67,6 +76,9 @@ export function createStage(canvas, axesCanvas, data, motion) {
     return counts;
   }).flat();
   const size = robotSphere.radius;
+  framed.push(...ends);
+  thinnest = 0.0035 * size;
+  const marks = createMarks(data.phases, world, carriers, bodies, size);
 
   const paths = new THREE.Group();
   scene.add(paths);
@@ -216,18 +228,29 @@ export function createStage(canvas, axesCanvas, data, motion) {
   const raycaster = new THREE.Raycaster();
   const groups = { obstacles: bodies.filter((body) => body.kind === "obstacle").map((body) => body.mesh), paths: [paths], grid: [grid] };
 
+  place(motion.start);
+
   return {
     gridLabel: `Grid ${printLength(step)}`,
     setTime(time) { place(time); dirty = true; },
+    /** Show what stands out in the phase with this index; -1 for none. */
+    setPhase(index) { marks.show(index); dirty = true; },
+    marks: () => marks.list(),
+    /** World position of both ends of a cable as drawn; null for an unknown name. */
+    endsOf(name) {
+      const cable = cables.rods.find((candidate) => candidate.name === name);
+      return cable ? [-0.5, 0.5].map((y) => new THREE.Vector3(0, y, 0).applyMatrix4(cable.mesh.matrixWorld).toArray()) : null;
+    },
     setView,
     show(group, visible) { for (const object of groups[group]) object.visible = visible; dirty = true; },
     has: (group) => group === "grid" || (group === "paths" ? data.paths.length > 0 : groups[group].length > 0),
     onView(callback) { onView = callback; callback(view); },
-    /** Name of the body under a point of the canvas, in pixels; "" for none. */
+    /** Name of the body or cable under a point of the canvas, in pixels; "" for none. */
     pick(x, y) {
       pointer.set((2 * x) / canvas.clientWidth - 1, 1 - (2 * y) / canvas.clientHeight);
       raycaster.setFromCamera(pointer, camera);
-      const hit = raycaster.intersectObjects(bodies.map((body) => body.mesh).filter((mesh) => mesh.visible), false)[0];
+      const solids = [...bodies, ...cables.rods].map(({ mesh }) => mesh).filter((mesh) => mesh.visible);
+      const hit = raycaster.intersectObjects(solids, false)[0];
       return hit ? hit.object.name : "";
     },
     /** World pose of a body as 16 numbers, row by row; null for an unknown name. */
