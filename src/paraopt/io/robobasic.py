@@ -105,10 +105,10 @@ def robobasic_template(table: ServoTable, *, groups: bool = False) -> Template:
 
 def build_robobasic(
     motion: Callable[[Array], Array],
-    duration: float,
     table: ServoTable,
-    names: Sequence[str],
     *,
+    duration: float | None = None,
+    names: Sequence[str] | None = None,
     controller: ServoController | None = None,
     tolerance: float = 1.0,
     approach: int = 3,
@@ -120,10 +120,11 @@ def build_robobasic(
     """Turn a joint motion into a program.
 
     Args:
-        motion: Angles in time: called with times [s], shape (n,), it returns shape (n, n_names) [rad].
-        duration: Length of the motion [s].
+        motion: Angles in time: called with times [s], shape (n,), it returns shape (n, n_names) [rad]. A trajectory, or
+            any function.
         table: The servos; joints of the motion that it does not name are left out.
-        names: What the motion's columns are called.
+        duration: Length of the motion [s]; its own when None.
+        names: What the motion's columns are called; the variables of its robot when None.
         controller: How fast a SPEED is; as `ServoController()` when None.
         tolerance: Largest distance between the played program and the motion [units].
         approach: SPEED at which the first pose is reached from wherever the machine stands.
@@ -142,6 +143,11 @@ def build_robobasic(
             servo would have to turn faster than its largest SPEED, or the tolerance cannot be kept.
     """
     controller = controller or ServoController()
+    robot = getattr(motion, "robot", None)
+    duration = getattr(motion, "duration", None) if duration is None else duration
+    names = robot.mechanism.names if names is None and robot is not None else names
+    if duration is None or names is None:
+        raise DefinitionError("a function of time alone says neither how long it lasts nor what it moves; give both")
     if not (np.isfinite(duration) and 0.0 < duration <= 3600.0):
         raise DefinitionError(f"the motion lasts {duration} s; a program takes more than 0 and at most 3600 s")
     if not 0.5 < tolerance < np.inf:

@@ -56,7 +56,7 @@ def deviation(
 )
 def test_the_played_program_follows_the_motion(seed: int, duration: float, amplitude: float, groups: bool) -> None:
     motion = waves(seed, duration, amplitude, 17)
-    program = build_robobasic(motion, duration, GIPO, GIPO.joints, groups=groups)
+    program = build_robobasic(motion, GIPO, duration=duration, names=GIPO.joints, groups=groups)
     found = deviation(program, GIPO, motion, duration)
     assert found <= 1.0 + 1e-3  # one unit; and what happens within a millisecond
     assert found == pytest.approx(program.deviation, abs=0.02)
@@ -73,7 +73,7 @@ def test_any_smooth_motion_is_followed_or_refused(seed: int, duration: float, to
     motion = waves(seed, duration, 0.6, 2)
     rates = np.abs(np.diff(TWO.units(motion(np.linspace(0, duration, 2001))), axis=0)) / (duration / 2000)
     try:
-        program = build_robobasic(motion, duration, TWO, ["hip", "knee"], tolerance=tolerance)
+        program = build_robobasic(motion, TWO, duration=duration, names=["hip", "knee"], tolerance=tolerance)
     except InfeasibleError:
         program = None
     if program is None:  # speeds near the largest, or a tolerance that rounding nearly uses up
@@ -84,7 +84,7 @@ def test_any_smooth_motion_is_followed_or_refused(seed: int, duration: float, to
 
 def test_a_gait_is_written_in_few_moves() -> None:
     # 20 s at 50 places in a second would be 1000 moves
-    program = build_robobasic(waves(5, 20.0, 0.4, 17), 20.0, GIPO, GIPO.joints)
+    program = build_robobasic(waves(5, 20.0, 0.4, 17), GIPO, duration=20.0, names=GIPO.joints)
     assert len(program.speeds) < 250
     assert np.min(np.diff(program.times)) >= 0.02 - 1e-9
     assert np.max(np.diff(program.times)) <= 1.0 + 1e-9
@@ -92,7 +92,7 @@ def test_a_gait_is_written_in_few_moves() -> None:
 
 def test_a_wider_tolerance_needs_fewer_moves() -> None:
     motion = waves(6, 4.0, 0.6, 17)
-    fine, coarse = (build_robobasic(motion, 4.0, GIPO, GIPO.joints, tolerance=t) for t in (1.0, 3.0))
+    fine, coarse = (build_robobasic(motion, GIPO, duration=4.0, names=GIPO.joints, tolerance=t) for t in (1.0, 3.0))
     assert len(coarse.speeds) < 0.8 * len(fine.speeds)
     assert coarse.deviation <= 3.0
 
@@ -101,7 +101,7 @@ def test_a_pause_stays_a_pause() -> None:
     def motion(t: Array) -> Array:
         return np.column_stack([0.5 * np.clip(t - 2, 0, 1) ** 2 * (3 - 2 * np.clip(t - 2, 0, 1)), 0 * t])
 
-    program = build_robobasic(motion, 5.0, TWO, ["hip", "knee"])
+    program = build_robobasic(motion, TWO, duration=5.0, names=["hip", "knee"])
     assert deviation(program, TWO, motion, 5.0) <= 1.0
     assert np.ptp(played(program, TWO)(program.lead + np.linspace(3.1, 5, 50))[:, 7]) == 0.0
 
@@ -109,7 +109,7 @@ def test_a_pause_stays_a_pause() -> None:
 def test_the_controllers_speed_is_a_parameter() -> None:
     slow = ServoController(rate=12.0, fastest=10, step=0.05)
     motion = waves(7, 6.0, 0.4, 2)
-    program = build_robobasic(motion, 6.0, TWO, ["hip", "knee"], controller=slow)
+    program = build_robobasic(motion, TWO, duration=6.0, names=["hip", "knee"], controller=slow)
     assert deviation(program, TWO, motion, 6.0, controller=slow) <= 1.0 + 1e-3
     # another controller plays it otherwise: the timing is not decoration
     assert deviation(program, TWO, motion, 6.0, controller=ServoController(rate=3.0)) > 3.0
@@ -117,7 +117,7 @@ def test_the_controllers_speed_is_a_parameter() -> None:
 
 def test_a_corrupted_program_is_caught() -> None:
     motion = waves(8, 3.0, 0.5, 2)
-    program = build_robobasic(motion, 3.0, TWO, ["hip", "knee"])
+    program = build_robobasic(motion, TWO, duration=3.0, names=["hip", "knee"])
     lines = program.text.splitlines()
     at = [i for i, line in enumerate(lines) if line.startswith("MOVE")][len(program.speeds) // 2]
     number = re.search(r"\d+(?=[^\d]*$)", lines[at])
@@ -135,7 +135,12 @@ def test_a_corrupted_program_is_caught() -> None:
 
 def test_the_text_line_by_line() -> None:
     program = build_robobasic(
-        lambda t: np.column_stack([0.1 * t, -0.2 * t]), 0.5, TWO, ["hip", "knee"], title="a {step}", settle=0.5
+        lambda t: np.column_stack([0.1 * t, -0.2 * t]),
+        TWO,
+        duration=0.5,
+        names=["hip", "knee"],
+        title="a {step}",
+        settle=0.5,
     )
     lines = program.text.splitlines()
     assert lines[:20] == [
@@ -152,7 +157,7 @@ def test_the_text_line_by_line() -> None:
 
 
 def test_the_template_reads_the_program_back() -> None:
-    program = build_robobasic(waves(9, 2.0, 0.5, 17), 2.0, GIPO, GIPO.joints, groups=True)
+    program = build_robobasic(waves(9, 2.0, 0.5, 17), GIPO, duration=2.0, names=GIPO.joints, groups=True)
     values, fields = robobasic_template(GIPO, groups=True).parse(program.text)
     np.testing.assert_array_equal(values[:, 0], program.speeds)
     np.testing.assert_array_equal(values[:, 1:-1], program.units[1:])
@@ -161,22 +166,49 @@ def test_the_template_reads_the_program_back() -> None:
 
 
 def test_only_groups_that_are_used_are_told() -> None:
-    program = build_robobasic(waves(10, 1.0, 0.2, 2), 1.0, TWO, ["hip", "knee"], groups=True)
+    program = build_robobasic(waves(10, 1.0, 0.2, 2), TWO, duration=1.0, names=["hip", "knee"], groups=True)
     assert set(re.findall(r"^MOVE (\w+)", program.text, re.MULTILINE)) == {"G6A", "G6B"}
 
 
 def test_joints_that_no_servo_moves_are_left_out() -> None:
     motion = waves(11, 1.0, 0.2, 3)
-    program = build_robobasic(motion, 1.0, TWO, ["knee", "trunk", "hip"])
+    program = build_robobasic(motion, TWO, duration=1.0, names=["knee", "trunk", "hip"])
     t = np.linspace(0, 1, 501)
     units = played(program, TWO)(program.lead + t)[:, [7, 0]]
     assert np.max(np.abs(units - TWO.units(motion(t)[:, [2, 0]]))) <= 1.0
     with pytest.raises(UnknownNameError, match=r"unknown joint in the motion 'hip'; valid names: 'knee', 'trunk'"):
-        build_robobasic(motion, 1.0, TWO, ["knee", "trunk"])
+        build_robobasic(motion, TWO, duration=1.0, names=["knee", "trunk"])
+
+
+def test_a_trajectory_of_gipo_knows_its_joints() -> None:
+    robot = gipo()
+
+    class Nod:
+        """The legs at home, while neck and tail move."""
+
+        def __init__(self) -> None:
+            self.robot, self.duration = robot, 1.5
+
+        def __call__(self, t: Array) -> Array:
+            values = np.tile([robot.home.get(name, 0.0) for name in robot.mechanism.names], (len(t), 1))
+            for name, size in (("neck 1", 0.3), ("tail", -0.6)):
+                values[:, robot.mechanism.index(name)] = size * np.sin(np.pi * t / 1.5)
+            return np.asarray(values)
+
+    program = build_robobasic(Nod(), GIPO)
+    run = played(program, GIPO)
+    top = run(program.lead + 0.75)
+    assert abs(top[GIPO.of("neck 1").number] - (100 + np.degrees(0.3))) <= 1.0
+    assert abs(top[GIPO.of("tail").number] - (100 - np.degrees(0.6))) <= 1.0
+    # thighs lean apart at home: seen in units, front and rear, and mirrored left and right
+    leaning = {leg: round(top[GIPO.of(f"{leg} hip").number]) for leg in ("left rear", "right rear", "left front")}
+    assert leaning == {"left rear": 123, "right rear": 77, "left front": 77}
+    with pytest.raises(DefinitionError, match="says neither how long it lasts nor what it moves"):
+        build_robobasic(lambda t: np.zeros((len(t), 17)), GIPO)
 
 
 def test_a_program_is_written_whole(tmp_path: Path) -> None:
-    program = build_robobasic(waves(12, 1.0, 0.2, 2), 1.0, TWO, ["hip", "knee"])
+    program = build_robobasic(waves(12, 1.0, 0.2, 2), TWO, duration=1.0, names=["hip", "knee"])
     path = program.write(tmp_path / "step.bas")
     assert path.read_text() == program.text
     assert [p.name for p in tmp_path.iterdir()] == ["step.bas"]
@@ -193,21 +225,21 @@ def test_positions_beyond_the_range_are_refused(angle: float, units: int, bound:
     with pytest.raises(
         InfeasibleError, match=rf"position of 'servo 7 \(hip\)' is {units} .*its bound is {bound}"
     ) as caught:
-        build_robobasic(motion, 1.0, TWO, ["hip", "knee"])
+        build_robobasic(motion, TWO, duration=1.0, names=["hip", "knee"])
     assert caught.value.evidence["time"] == pytest.approx(1.0, abs=2e-3)
-    build_robobasic(lambda t: motion(t) * 0.98, 1.0, TWO, ["hip", "knee"])  # 190.0 and 10.0 round inside
+    build_robobasic(lambda t: motion(t) * 0.98, TWO, duration=1.0, names=["hip", "knee"])  # 190.0 and 10.0 round inside
 
 
 def test_a_servos_own_range_is_held() -> None:
     with pytest.raises(InfeasibleError, match=r"position of 'servo 0 \(knee\)' is 38 units .*its bound is 40"):
-        build_robobasic(lambda t: np.column_stack([0 * t, 1.64 * t]), 1.0, TWO, ["hip", "knee"])
+        build_robobasic(lambda t: np.column_stack([0 * t, 1.64 * t]), TWO, duration=1.0, names=["hip", "knee"])
 
 
 def test_a_servo_that_is_too_slow_is_named() -> None:
     with pytest.raises(
         InfeasibleError, match=r"servo 7 \(hip\) turns at 3\d\d units/s at t = .* SPEED 15 is 300"
     ) as caught:
-        build_robobasic(lambda t: np.column_stack([np.sin(6 * t), 0 * t]), 1.0, TWO, ["hip", "knee"])
+        build_robobasic(lambda t: np.column_stack([np.sin(6 * t), 0 * t]), TWO, duration=1.0, names=["hip", "knee"])
     assert caught.value.evidence["joint"] == "hip"
 
 
