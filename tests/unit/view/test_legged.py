@@ -1,0 +1,112 @@
+"""Figures, page and files of a walk."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import paraopt as po
+from paraopt.io import read_trajectory, tabulate_legged
+from paraopt.modes.legged import LeggedPlan, LeggedTask, Phase, PhaseMark, PlaneSupport, plan_legged
+from paraopt.view import (
+    draw_balance,
+    draw_filmstrip,
+    draw_footfalls,
+    draw_support_margin,
+    list_page_phases,
+    save_legged,
+)
+
+
+@pytest.fixture(scope="module")
+def plan() -> LeggedPlan:
+    """GIPO shifts its trunk and lifts a foot."""
+    machine = po.robots.gipo_machine()
+    trunk, foot = ("x", "y", "z", "alpha", "beta", "gamma"), tuple(f"right rear foot {axis}" for axis in "xyz")
+    shift = Phase("shift", machine.names, trunk, {"y": 0.02, "z": -0.01})
+    lift = Phase("lift", machine.names[1:], foot, {foot[2]: 0.02}, locked=(*trunk, "left front knee"))
+    task = LeggedTask(machine, (shift, lift), PlaneSupport((0, 0, -0.155)))
+    return plan_legged(task, retimer=po.TimeOptimal())
+
+
+def test_the_margin_is_drawn_with_its_phases(plan: LeggedPlan) -> None:
+    heavy = replace(plan.task.machine, masses={**(plan.task.machine.masses or {}), "head": 0.2})
+    figure = draw_support_margin(plan, others={"heavy head": heavy})
+    axes = figure.axes[0]
+    planned = axes.lines[0].get_ydata()
+    assert np.nanmin(planned) == pytest.approx(1e3 * plan.certificate.smallest_margin, rel=1e-3)
+    assert np.count_nonzero(np.isnan(planned)) == 2  # the line is broken after each phase
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["lifting right rear", "as planned", "heavy head"]
+    assert axes.get_ylabel() == "support margin [mm]"
+    silent = replace(plan, phases=tuple(replace(p, phase=replace(p.phase, stability=None)) for p in plan.phases))
+    with pytest.raises(po.DefinitionError, match="nothing to draw"):
+        draw_support_margin(silent)
+
+
+def test_footfalls_have_a_bar_while_a_foot_stands() -> None:
+    marks = [
+        PhaseMark("a", 0.0, 1.0, ("one", "two"), ()),
+        PhaseMark("b", 1.0, 3.0, ("one",), ("two",)),
+        PhaseMark("c", 3.0, 4.0, ("one", "two"), ()),
+    ]
+    axes = draw_footfalls(marks, feet=("one", "two")).axes[0]
+    bars = [(b.get_x(), b.get_width(), round(b.get_y() + 0.31), b.get_hatch()) for b in axes.patches]
+    # phases that follow each other are one bar
+    assert bars == [(0.0, 4.0, 0, None), (0.0, 1.0, 1, None), (3.0, 1.0, 1, None), (1.0, 2.0, 1, "////")]
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["one", "two"]
+    with pytest.raises(po.DefinitionError, match="no phase"):
+        draw_footfalls([])
+
+
+def test_balance_and_filmstrip(plan: LeggedPlan) -> None:
+    axes = draw_balance(plan).axes[0]
+    assert axes.get_legend() is not None
+    assert len(axes.patches) == 2  # the polygon of the one phase in which a foot is lifted, filled and outlined
+    film = draw_filmstrip(plan, times=[0.0, plan.trajectory.duration], columns=2, resolution=40)
+    assert len(film.axes) == 2
+    first, last = (frame.images[0].get_array() for frame in film.axes)
+    assert first.shape == last.shape
+    assert np.mean(np.abs(first - last)) > 0.003, "the robot did not move"
+    faces = [[line.get_markerfacecolor() for line in frame.lines] for frame in film.axes]
+    assert len(set(faces[0])) == 1
+    assert [face == faces[0][0] for face in faces[1]] == [False, True, True, True]  # the lifted foot is a ring
+    assert len(draw_filmstrip(plan, resolution=40).axes) == 2
+    for wrong in ({"times": []}, {"columns": 0}, {"times": [-1.0]}):
+        with pytest.raises(po.DefinitionError):
+            draw_filmstrip(plan, resolution=40, **wrong)  # type: ignore[arg-type]
+
+
+def test_the_page_marks_feet_and_locks(plan: LeggedPlan) -> None:
+    shift, lift = list_page_phases(plan)
+    assert [mark.label for mark in shift.marks] == ["fixed foot"] * 4
+    assert [mark.label for mark in lift.marks] == ["free foot", *["fixed foot"] * 3, "locked joint"]
+    assert (shift.begin, shift.end, lift.end) == (0.0, lift.begin, plan.trajectory.duration)
+
+
+def test_a_walk_is_saved(plan: LeggedPlan, tmp_path: Path) -> None:
+    files = save_legged(plan, tmp_path / "walk", period=5e-3)
+    assert set(files) == {
+        "trajectory", "report", "actuators", "footfalls", "filmstrip", "margin", "balance", "page",
+    }  # fmt: skip
+    table = read_trajectory(files["trajectory"])
+    assert table.columns[:2] == ("t [s]", "phase [1]")
+    assert np.array_equal(table.values, tabulate_legged(plan.trajectory, 5e-3).values)
+    border = plan.trajectory.borders[1]
+    assert np.array_equal(table["phase [1]"], (table["t [s]"] >= border).astype(float))
+    report = json.loads(files["report"].read_text())
+    assert [phase["name"] for phase in report["phases"]] == ["shift", "lift"]
+    assert report["phases"][1]["lifted"] == ["right rear"]
+    assert report["phases"][1]["locked"]["y"] == 0.02
+    assert report["certificate"]["passed"] is True
+    assert report["certificate"]["smallest support margin [m]"] == plan.certificate.smallest_margin
+    text = files["page"].read_text(encoding="utf-8")
+    assert re.search(r'"shift"', text)
+    assert re.search(r'"free foot"', text)
+    plain = save_legged(plan, tmp_path / "plain", view=False)
+    assert set(plain) == {"trajectory", "report"}
