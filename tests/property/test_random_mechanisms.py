@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 
 import paraopt as po
 from paraopt.closure import build_closure
-from paraopt.mechanism import Closure, Joint, Link
+from paraopt.mechanism import Closure, Coupling, Equilibrium, Joint, Link, Tension
 from support import assert_derivative
 
 Array = np.ndarray
@@ -456,3 +456,92 @@ def test_motions_keep_the_loops_closed(closed: Closed) -> None:
     # regularised by 1e-12, over squared singular values of 1e-8 at least, with two refinements
     assert_allclose(E @ T, 0, atol=1e-6 * max(1.0, np.abs(T).max()))
     assert_allclose(T[closed.mechanism.indices(operational)], np.eye(len(operational)), atol=1e-9)
+
+
+# --- Forces and relations
+
+
+@st.composite
+def balanced_mechanisms(draw: st.DrawFn) -> Closed:
+    """Draw a machine with a link in balance under cables, by the wrench that it takes, and a relation of joints."""
+    closed = draw(closed_mechanisms())
+    m = closed.mechanism
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    size = 2 if m.planar else 3
+    poses = link_poses(m, closed.values)
+    link = draw(st.sampled_from([k.name for k in m.links if k.name != m.base.name]))
+    mass, gravity, centre = 3.0, np.zeros(3), np.zeros(3)
+    gravity[size - 1], centre[:size] = -9.81, random.uniform(-1, 1, size)
+    c = poses[link][:3, :3] @ centre + poses[link][:3, 3]
+    tensions, pulls, left, moment = [], {}, mass * gravity, np.zeros(3)
+    for i in range(draw(st.integers(1, 4))):
+        ends = np.zeros((2, 3))
+        ends[:, :size] = random.uniform(-1, 1, (2, size))
+        exit_, held = (poses[k][:3, :3] @ p + poses[k][:3, 3] for k, p in zip((m.base.name, link), ends, strict=True))
+        assume(np.linalg.norm(exit_ - held) > 0.3)  # a cable without length has no direction
+        pulls[f"pull {i}"] = random.uniform(1.0, 30.0)
+        pull = pulls[f"pull {i}"] * (exit_ - held) / np.linalg.norm(exit_ - held)
+        left, moment = left + pull, moment + np.cross(held - c, pull)
+        sides = [(m.base.name, ends[0].tolist()), (link, ends[1].tolist())]
+        a, b = draw(st.permutations(sides))
+        tensions.append(Tension(f"pull {i}", *a, *b))
+    force = -left
+    balance = Equilibrium(
+        link, tensions, mass, centre.tolist(), force.tolist(), centre.tolist(), (-moment).tolist(), gravity.tolist()
+    )
+    angles = [v.name for v in m.variables if v.kind == "angle"]
+    lengths = [v.name for v in m.variables if v.kind == "length"]
+    factors = {n: float(random.uniform(0.5, 2.0)) for n in (angles if len(angles) > 1 and not lengths else lengths)[:2]}
+    radii = {n: float(random.uniform(0.1, 0.5)) for n in angles[:1] if n not in factors}
+    closures: list[Closure] = [*m.closures, balance]
+    if len(factors) + len(radii) > 1:
+        total = sum(f * closed.values[n] for n, f in {**factors, **radii}.items())
+        closures.append(Coupling(factors, radii, **{"length" if lengths or radii else "angle": total}))
+    return Closed(dataclasses.replace(m, closures=closures), {**closed.values, **pulls})
+
+
+@given(closed=balanced_mechanisms())
+def test_forces_and_relations_hold_where_they_were_made_to(closed: Closed) -> None:
+    kinematics = po.Kinematics(closed.mechanism, "virtual machine")
+    assert kinematics.scaled_residual(closed.X)[0] < 1e-12
+    graph = kinematics.graph
+    residual, E = ca.Function("F", [graph.X], [graph.F]), ca.Function("E", [graph.X], [graph.E])
+    # cables of 0.3 m and forces of 1e2 N: fifth derivatives of some 1e5, at steps of 1e-4
+    assert_derivative(
+        np.asarray(E(closed.X)).reshape(graph.E.shape), lambda X: np.asarray(residual(X))[:, 0], closed.X,
+        step=1e-4, tolerance=1e-8,
+    )  # fmt: skip
+
+
+@given(closed=balanced_mechanisms(), factor=st.sampled_from([1e3, 1e-3]), mass=st.sampled_from([1.0, 1e-3, 250.0]))
+def test_units_of_length_and_force_mean_nothing(closed: Closed, factor: float, mass: float) -> None:
+    """Scaled matrices are the same to the last digits, with forces in any unit too."""
+    m = rescaled(closed, factor).mechanism
+    closures: list[Closure] = []
+    for c in m.closures:
+        if isinstance(c, Equilibrium):
+            pulls = [
+                dataclasses.replace(t, **{p: [factor * x for x in getattr(t, p)] for p in ("point_A", "point_B")})
+                for t in c.tensions
+            ]
+            vectors = {
+                "force": mass * factor,
+                "moment": mass * factor**2,
+                "gravity": factor,
+                "centre": factor,
+            }  # "at" is scaled already
+            scaled = {k: [f * x for x in getattr(c, k)] for k, f in vectors.items()}
+            closures.append(dataclasses.replace(c, tensions=pulls, mass=mass * c.mass, **scaled))
+        elif isinstance(c, Coupling):
+            radii = {n: factor * r for n, r in c.radii.items()}
+            closures.append(dataclasses.replace(c, radii=radii, length=factor * c.length))
+        else:
+            closures.append(c)
+    other = dataclasses.replace(m, closures=closures)
+    unit = {"length": factor, "angle": 1.0, "force": mass * factor}
+    X = closed.X * [unit[v.kind] for v in other.variables]
+    E, E_other = (
+        po.Kinematics(k, "virtual machine").functions.scaled_jacobian(x)[0]
+        for k, x in ((closed.mechanism, closed.X), (other, X))
+    )
+    assert_allclose(E_other, E, atol=1e-9 * max(1.0, float(np.max(np.abs(E)))))
