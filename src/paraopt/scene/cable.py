@@ -5,10 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.shapes import Cable
-
-__all__ = ["Cable", "move_witnesses", "shorten_segments"]
-
 Array = NDArray[np.float64]
 
 
