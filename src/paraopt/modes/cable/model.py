@@ -6,7 +6,6 @@ left out. The platform's frame B carries the attachment points and the centre of
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,22 +16,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError, unknown_name
-from paraopt.mechanism import Base, Coincidence, Link, Mechanism, Mobile, Prismatic, Revolute, Series, Universal
+from paraopt.mechanism import Mechanism, Mobile
 from paraopt.mechanism.joints import Range, as_tuple
 from paraopt.mechanism.links import PLANAR_COORDINATES
+from paraopt.modes.cable.build import PLATFORM, build_bodies, build_mechanism, build_platform, build_robot
 from paraopt.modes.cable.read import read_for_cables, read_number, read_table
 from paraopt.modes.cable.winch import Drum, Pulley
-from paraopt.robot import Limits, Robot
-from paraopt.scene.cable import Cable
-from paraopt.shapes import check_solids
-from paraopt.spatial import finite_vector, rotation_about
+from paraopt.robot import Robot
+from paraopt.shapes import Cable, check_solids
+from paraopt.spatial import finite_vector
 
 Array = NDArray[np.float64]
 Given = Any
 """What a person states, numbers or sequences; read into read-only arrays and tuples when the robot is built."""
 
-PLATFORM = "platform"
-"""Name of the link that the cables hold."""
+__all__ = ["PLATFORM", "CableRobot"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -308,92 +306,21 @@ class CableRobot:
     @property
     def platform(self) -> Mobile:
         """Give the link that the cables hold."""
-        return Mobile(PLATFORM, ranges=self.ranges, order="xyz" if self.planar else self.order)
+        return build_platform(self)
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """Give the mechanism: for each cable a pulley that swings and a straight line of variable length.
-
-        At home the line lies on the third axis of its pulley, far from the cardan's singular direction.
-        """
-        low, high = self.lengths
-        links: list[Link] = [Base()]
-        closures: list[Coincidence] = []
-        directions = self._home_directions()
-        for name, exit_, point, d in zip(self.cables, self.exits, self.attachments, directions, strict=True):
-            if self.planar:
-                links.append(Series(f"pulley {name}", "base", exit_, Revolute(f"pulley {name}")))
-            else:
-                turn = (math.atan2(-d[1], d[2]), math.asin(min(1.0, max(-1.0, d[0]))), 0.0)
-                swing = Universal(f"pulley {name}", axes=("x", "y"))
-                links.append(Series(f"pulley {name}", "base", exit_, swing, rotation=turn))
-            line = Prismatic(name, axis="x" if self.planar else "z", range=(low, high))
-            links.append(Series(f"cable {name}", f"pulley {name}", joint=line))
-            closures.append(Coincidence(f"cable {name}", (0.0,) * len(exit_), PLATFORM, point))
-        links.append(self.platform)
-        return Mechanism(
-            self.name, links, closures, self.cables, self.operational, planar=self.planar,
-            characteristic_length=self.length_scale,
-        )  # fmt: skip
+        """Give the mechanism: for each cable a pulley that swings and a straight line of variable length."""
+        return build_mechanism(self)
 
     @cached_property
     def robot(self) -> Robot:
         """Give the machine for scenes and planning, with the cables as bodies.
 
-        Its lengths run from exit to attachment: a pulley's arc belongs to the winch and is added by
-        `CableLengths`.
+        Its lengths run from exit to attachment: a pulley's arc belongs to the winch, see `CableFunctions.lengths`.
         """
-        return Robot(
-            self.mechanism,
-            home=self._home_values(),
-            shapes={link: s for link, s in (("base", self.frame), (PLATFORM, self.solids)) if s},
-            limits=self._limits(),
-            masses={PLATFORM: self.mass},
-            centres={PLATFORM: self.centre.tolist()},
-            cables=self.bodies(),
-            tool=None if self.tool is None else (PLATFORM, self.tool),
-            source=self.source,
-        )
+        return build_robot(self)
 
     def bodies(self) -> tuple[Cable, ...]:
         """Give the cables as bodies of a scene, from exit to attachment."""
-        ends = zip(self.cables, self.exits_in_space(), self.attachments_in_space(), self.radius, strict=True)
-        return tuple(
-            Cable(
-                link_A="base", point_A=exit_.tolist(), link_B=PLATFORM, point_B=at.tolist(), radius=float(r),
-                ignore=self.ignore, name=f"cable {name}",
-            )
-            for name, exit_, at, r in ends
-        )  # fmt: skip
-
-    def _home_ends(self) -> Array:
-        """Give the vectors from exits to attachments at home [m], shape (n, 3)."""
-        R = np.eye(3)
-        turns = {"theta": "z"} if self.planar else {m.name: m.axis for m in self.platform.motions if m.kind == "angle"}
-        for coordinate, axis in turns.items():
-            R = R @ np.asarray(rotation_about(axis, self.home[coordinate]))
-        origin = np.array([self.home["x"], self.home["y"], self.home.get("z", 0.0)])
-        return np.asarray(origin + self.attachments_in_space() @ R.T - self.exits_in_space())
-
-    def _home_directions(self) -> Array:
-        ends = self._home_ends()
-        lengths = np.linalg.norm(ends, axis=1)
-        if np.any(lengths == 0.0):
-            c = self.cables[int(np.argmin(lengths))]
-            raise DefinitionError(f"cable {c!r} of {self.name!r} has no length at home; move the home pose")
-        return np.asarray(ends / lengths[:, None])
-
-    def _home_values(self) -> dict[str, float]:
-        ends = self._home_ends()
-        values = dict(self.home)
-        for name, end in zip(self.cables, ends, strict=True):
-            values[name] = float(np.linalg.norm(end))
-            if self.planar:
-                values[f"pulley {name}"] = math.atan2(end[1], end[0])
-        return values
-
-    def _limits(self) -> Limits:
-        def by_name(values: Any) -> dict[str, float]:
-            return {} if values is None else dict(zip(self.cables, map(float, values), strict=True))
-
-        return Limits(velocity=by_name(self.velocity), acceleration=by_name(self.acceleration), jerk=by_name(self.jerk))
+        return build_bodies(self)

@@ -35,17 +35,25 @@ class TensionLimits:
 
     Attributes:
         robot: The cable robot.
-        margin: Distance to keep from the boundary, a force or a moment over the characteristic length [N].
+        margin: Distance to keep from the boundary, a force or a moment over the characteristic length [N]. When None
+            two thousandths of the largest tension, so that the thousandth by which a retimer may exceed a row between
+            its points still is within the limits.
 
     Raises:
         DefinitionError: The margin is negative or not finite.
     """
 
     robot: CableRobot
-    margin: float = 0.0
+    margin: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "margin", read_number(self.margin, "tension margin", "N", lowest=0.0))
+        if self.margin is not None:
+            object.__setattr__(self, "margin", read_number(self.margin, "tension margin", "N", lowest=0.0))
+
+    @property
+    def distance(self) -> float:
+        """Give the distance to the boundary that is kept [N]."""
+        return 2e-3 * float(np.max(self.robot.t_max)) if self.margin is None else self.margin
 
     def rows(self, problem: Problem, points: PathPoints) -> PathRows:
         """Give the rows, over the largest tension.
@@ -85,11 +93,11 @@ class TensionLimits:
                 for v in (speeding, turning, weight)
             ]
             a, b, t = (np.hstack([v, -v]) for v in parts)
-            c = t + np.concatenate([-robot.t_min, robot.t_max]) - self.margin
+            c = t + np.concatenate([-robot.t_min, robot.t_max]) - self.distance
             return tuple(f"tension of {q}" for q in (*robot.cables, *robot.cables)), (a, b, c)
         facets = compute_facets(robot, poses)
         a, b = (facets.slopes(v) for v in (speeding, turning))
-        c = facets.distances(weight) - self.margin
+        c = facets.distances(weight) - self.distance
         is_none = ~np.isfinite(c)
         c[is_none] = float(np.max(robot.t_max))
         return facet_names(robot), (a, b, c)
