@@ -10,6 +10,7 @@ from the point before, `absolute` ones from the start.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -119,9 +120,9 @@ class CasprTrajectory:
         ways = (turned[:-1].inv() * turned[1:]).as_rotvec()  # in axes of the platform
         k = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(ways) - 1)
         part = self._progress(times)[:, 0] - k
-        angles = (turned[k] * Rotation.from_rotvec(part[:, None] * ways[k])).as_euler("XYZ")
+        angles = angles_xyz(turned[k] * Rotation.from_rotvec(part[:, None] * ways[k]))
         if order == 0:
-            return np.asarray(angles)
+            return angles
         w = self._progress.derivative(1)(times) * ways[k]
         _, b, g = angles.T
         if np.any((np.abs(np.cos(b)) < 1e-9) & np.any(w != 0.0, axis=1)):
@@ -142,6 +143,13 @@ class CasprTrajectory:
             ]
         )
         return _rates(b, g, self._progress.derivative(2)(times) * ways[k] - drift)
+
+
+def angles_xyz(turns: Rotation) -> Array:
+    """Give the angles of R = Rx Ry Rz [rad], shape (..., 3); the third is 0 where it cannot be told from the first."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Gimbal lock", category=UserWarning)
+        return np.asarray(turns.as_euler("XYZ"))
 
 
 def _rates(b: Array, g: Array, w: Array) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from paraopt.errors import DefinitionError, unknown_name
+from paraopt.io.caspr_motion import angles_xyz
 from paraopt.io.xml_tree import Element
 from paraopt.modes.cable import Pulley
 
@@ -108,8 +109,7 @@ class Body:
             return q
         if not np.linalg.norm(q[3:]) > 1e-9:
             raise element.error("has the quaternion zero, which is no orientation")
-        angles = Rotation.from_quat(q[[4, 5, 6, 3]]).as_euler("XYZ")
-        return np.concatenate([q[:3], angles])
+        return np.concatenate([q[:3], angles_xyz(Rotation.from_quat(q[[4, 5, 6, 3]]))])
 
     def plane(self, points: Array) -> Array:
         """Take the two coordinates in the plane, or all three."""

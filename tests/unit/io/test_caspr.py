@@ -337,6 +337,17 @@ def test_an_orientation_turns_about_one_axis(turning: tuple[str, CasprTrajectory
     np.testing.assert_allclose(units, np.tile(units[-1], (20, 1)), atol=1e-9)
 
 
+def test_an_orientation_passes_a_right_second_angle(tmp_path: Path) -> None:
+    ends = point("0 0 1 0 1.2707963267948966 0"), point("0 0 1 0 1.8707963267948966 0", time="1")
+    way = model(tmp_path, trajectories=trajectories(motion("linear_spline_trajectory", *ends))).trajectories["m"]
+    t = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # pi/2 half way
+    expected = Rotation.from_euler("Y", (1.2707963267948966 + 0.6 * t)[:, None]).as_matrix()
+    np.testing.assert_allclose(Rotation.from_euler("XYZ", way(t)[:, 3:]).as_matrix(), expected, atol=1e-7)
+    np.testing.assert_allclose(way([0.25, 0.75], 1)[:, 4], [0.6, -0.6])  # beyond, the same pose has other angles
+    with pytest.raises(DefinitionError, match="turns through a second angle of pi/2"):
+        way(0.5, 1)
+
+
 @pytest.mark.parametrize("t", [-0.1, 1.1, float("nan")])
 def test_times_outside_are_refused(t: float) -> None:
     with pytest.raises(DefinitionError, match=r"trajectory 'traj_1' lasts from 0 to 1 s"):
@@ -492,6 +503,8 @@ def test_depth_and_encodings_are_bounded(tmp_path: Path) -> None:
 MODEL = {
     "bodies": bodies(), "cables": cables(*FOUR),
     "trajectories": trajectories(motion("linear_spline_trajectory", point(REST), point(REST, time="1"))),
+    "operational_spaces": '<operational_spaces default_operational_set="t"><operational_set id="t"><position '
+    'marker_id="1" name="p"><link>1</link><axes active_axes="xz"/></position></operational_set></operational_spaces>',
 }  # fmt: skip
 
 
