@@ -1,5 +1,6 @@
 """Look at a robot and its motion: a page that plays it, and figures of what happens along it."""
 
+from paraopt.view.cable_figures import draw_cable_workspace, draw_lengths, draw_tensions
 from paraopt.view.content import Body, CableLine, Mark, PathLine, Phase, Readout
 from paraopt.view.figures import draw_actuators, draw_margins, draw_series, save_figure
 from paraopt.view.legged_figures import draw_balance, draw_footfalls, draw_support_margin
@@ -22,9 +23,11 @@ __all__ = [
     "build_page",
     "draw_actuators",
     "draw_balance",
+    "draw_cable_workspace",
     "draw_filmstrip",
     "draw_footfalls",
     "draw_legged",
+    "draw_lengths",
     "draw_link_graph",
     "draw_margins",
     "draw_motion",
@@ -33,6 +36,7 @@ __all__ = [
     "draw_search",
     "draw_series",
     "draw_support_margin",
+    "draw_tensions",
     "list_page_bodies",
     "list_page_cables",
     "list_page_phases",

@@ -131,11 +131,15 @@ def dynamic_tensions(
     aim: BatchAim = "least norm",
     reference: ArrayLike | None = None,
     count: int = 2001,
+    tolerance: float = 1e-10,
 ) -> TensionBatch:
     """Choose tensions along a motion by inverse dynamics: weight, load and inertia are balanced at every time.
 
     It shares nothing with the rows of `TensionLimits` but the functions of the pose, and so judges a time law that was
     found under them.
+
+    A robot with fewer cables than freedoms cannot balance all of its inertia: it swings about the motion. Its tensions
+    are those that fit best, and the tolerance says how much may be left.
 
     Args:
         robot: The cable robot.
@@ -144,6 +148,7 @@ def dynamic_tensions(
         aim: As for `distribute_batch`.
         reference: As for `distribute_batch`.
         count: Number of times when none are given.
+        tolerance: As for `distribute_batch`.
 
     Returns:
         The tensions; `check` refuses a motion that exceeds a limit.
@@ -156,7 +161,7 @@ def dynamic_tensions(
     state = trajectory.state(times)
     poses, velocities, accelerations = (v[:, index] for v in (state.X, state.velocity, state.acceleration))
     wrench = cable_functions(robot).dynamic_wrench(poses, velocities, accelerations)
-    found = distribute_batch(robot, poses, wrench, aim, reference)
+    found = distribute_batch(robot, poses, wrench, aim, reference, tolerance)
     return TensionBatch(robot, poses, wrench, found.values, found.residual, found.feasible, times)
 
 

@@ -17,6 +17,7 @@ from paraopt.modes.cable import (
     TensionLimits,
     TensionMargin,
     WinchLimits,
+    build_hanging,
     cable_functions,
     capacity_margins,
     compute_facets,
@@ -181,6 +182,31 @@ def test_inverse_dynamics_follows_the_law_of_motion() -> None:
     assert tensions.wrench[:, :2] == pytest.approx(2.0 * (np.array([0, -9.81]) - acceleration), abs=1e-9)
     with pytest.raises(DefinitionError, match="lacks the coordinates"):
         dynamic_tensions(ipanema(), plan.trajectory)
+
+
+def test_default_rows_hold_the_limits_between_the_points_of_the_grid() -> None:
+    robot = fast_ipanema()
+    for goal in ({"x": 0.6, "y": 0.2, "z": 1.2}, {"x": -0.9, "y": -0.4, "z": 0.6, "gamma": 0.05}):
+        plan = po.plan(task(robot, goal), retimer=po.TimeOptimal(constraints=(TensionLimits(robot),)))
+        tensions = dynamic_tensions(robot, plan.trajectory, count=8001).check()
+        assert np.min(capacity_margins(robot, tensions.poses, tensions.wrench)) > 0.0
+
+
+def test_a_hanging_platform_is_timed_by_the_tensions_that_it_asks_for() -> None:
+    """Up and down below the centre all inertia is balanced: four equal cables, by hand."""
+    robot = hanging(t_max=6.0, t_min=0.5, velocity=5.0, acceleration=100.0)
+    machine = build_hanging(robot, ("x", "y", "z", "gamma"))
+    start = {"x": 0.5, "y": 0.5, "z": -0.8, "gamma": 0.0}
+    problem = po.Problem(po.Scene(machine), start, start | {"z": -0.45}, po.Margins(clearance=0.001, singularity=1e-3))
+    plan = po.plan(problem, retimer=po.TimeOptimal(constraints=(TensionLimits(robot, margin=0.05),)))
+    tensions = dynamic_tensions(robot, plan.trajectory, tolerance=1e-6).check()
+    depth = -tensions.poses[:, 2]
+    slope = depth / np.sqrt(0.4**2 + 0.5**2 + depth**2)
+    index = machine.mechanism.indices(("z",))
+    lift = 9.81 + plan.trajectory(tensions.t, 2)[:, index[0]]
+    assert tensions.values == pytest.approx(np.tile((lift / (4 * slope))[:, None], 4), rel=1e-6)
+    assert np.max(tensions.values) <= 6.0
+    assert np.max(tensions.values) > 5.5  # the tensions are what bounds the motion
 
 
 def test_limits_of_winches_hold_over_pulleys() -> None:
