@@ -97,15 +97,20 @@ def find_gait(
     if not np.any(down):
         raise DefinitionError("direction of gravity is zero; it must be a direction")
     down = down / np.linalg.norm(down)
-    samples = options.samples
-    for attempt in range(options.refinements + 1):
-        gait, answer = _solve(falls, options, down, aim, samples)
+    samples, wanted = options.samples, aim
+    for _ in range(options.refinements + 1):
+        gait = _solve(falls, options, down, wanted, samples)
         looked = gait.sample((samples - 1) * options.density + 1)
-        dip = answer.margin - min(found.bound for found in looked)
-        if (dip <= options.dip and _find_excess(gait, looked, options) is None) or attempt == options.refinements:
+        if _find_excess(gait, looked, options) is not None:
+            samples = 2 * samples - 1
+            continue
+        better = _ask_for_more(gait, looked, aim, wanted, options)
+        if better is None:
             break
-        samples = 2 * samples - 1
-    _check(gait, looked, options)
+        samples, wanted = (2 * samples - 1, wanted) if better == wanted else (samples, better)
+    _check(
+        gait, looked, options, max(options.least_margin, aim.margin) if aim.best == "speed" else options.least_margin
+    )
     return gait
 
 
@@ -160,7 +165,7 @@ def list_orders(names: Sequence[str], cyclic: bool = True) -> tuple[tuple[str, .
     return tuple(itertools.permutations(names))
 
 
-def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: Aim, samples: int) -> tuple[Gait, Answer]:
+def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: Aim, samples: int) -> Gait:
     """Solve the programs at some number of samples."""
     axes = level_axes(down)
     table = PhaseTable.of(falls, down, options.swing_moves)
@@ -180,8 +185,26 @@ def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: Aim, sample
         answer = calm if calm.violation <= 1e-6 else best
     else:
         answer = _solve_timed(falls, options, table, axes, aim, shape, best)
-    gait = _build_gait(falls, table, answer.control, answer.joints, s, down, answer.scale, answer.margin, answer.status)
-    return gait, answer
+    return _build_gait(falls, table, answer.control, answer.joints, s, down, answer.scale, answer.margin, answer.status)
+
+
+def _ask_for_more(
+    gait: Gait, looked: Sequence[PhaseSamples], aim: Aim, wanted: Aim, options: GaitOptions
+) -> Aim | None:
+    """Say what to ask of the program so that the aim holds between its samples too; None where it does.
+
+    The same aim as before asks for more samples.
+    """
+    bound = min(found.bound for found in looked)
+    dip = gait.margin - bound
+    if aim.best == "speed" and bound < aim.margin:
+        return replace(wanted, margin=wanted.margin + 1.1 * (aim.margin - bound))
+    if aim.pace is not None and wanted.pace is not None:
+        first, last = gait.cycle if gait.cycle[1] > gait.cycle[0] else (0, len(gait.phases))
+        pace = float(gait.times(looked)[first:last].sum()) / gait.scale
+        if pace > 1.001 * aim.pace:
+            return replace(wanted, pace=0.999 * wanted.pace * aim.pace / pace)
+    return wanted if dip > options.dip else None
 
 
 def _solve_timed(
@@ -198,7 +221,7 @@ def _solve_timed(
     fast = aim.best == "speed"
     # what may be lost between the samples is kept on top
     margin = (aim.margin + options.dip, np.inf) if fast else (-np.inf, np.inf)
-    weights = (0.0, 1.0, 1e-2) if fast else (1.0, 1e-3, options.motion_weight)
+    weights = (0.0, 1.0, 1e-2) if fast else (1.0, 1e-3, 1e-2)
     pace = np.inf if aim.pace is None else aim.pace
     K = shape.n_phases
     repeat = np.ones(K)
@@ -217,6 +240,8 @@ def _solve_timed(
             repeat=repeat, guess=guess,
         )  # fmt: skip
         if answer.violation > 1e-5:
+            if used != replace(shape, is_timed=True):
+                return guess  # a short shift is needed after all
             raise InfeasibleError(
                 f"no gait was found that keeps what is asked, {aim}: constraints are missed by {answer.violation:.2g} "
                 f"({answer.status})",
@@ -281,12 +306,12 @@ def _build_gait(
     )  # fmt: skip
 
 
-def _check(gait: Gait, looked: Sequence[PhaseSamples], options: GaitOptions) -> None:
+def _check(gait: Gait, looked: Sequence[PhaseSamples], options: GaitOptions, least: float) -> None:
     """Refuse a gait whose dense look shows too small a margin, a joint out of range, or a leg on another branch."""
     worst = int(np.argmin([found.bound for found in looked]))
-    if looked[worst].bound < options.least_margin:
+    if looked[worst].bound < least:
         raise InfeasibleError(
-            f"{name_worst(gait, looked, worst)}; at least {1e3 * options.least_margin:.2f} mm are asked; choose "
+            f"{name_worst(gait, looked, worst)}; at least {1e3 * least:.2f} mm are asked; choose "
             "another order or shorter steps, let the trunk move farther, or a smaller slope",
             gait=gait,
             phase=gait.phases[worst].name,

@@ -28,7 +28,7 @@ class GaitOptions:
         samples: Number of samples of a phase, to begin with.
         density: How much denser the gait is looked at afterwards [1].
         dip: Largest loss of margin between samples [m]; where it is larger the samples are doubled.
-        refinements: How often the samples may be doubled.
+        refinements: How often the program may be run again, with more samples or asked for more.
         ease: Share of the best margin that is given up for a smaller motion of the trunk [1].
         least_margin: Smallest margin [m] of a gait that is not refused.
         least_time: Shortest time of a phase, where it is timed [s].
@@ -44,14 +44,14 @@ class GaitOptions:
     free: Sequence[Coordinate] = ("x", "y", "z", "gamma")
     reach: float = 0.04
     tilt: float = 0.25
-    regularity: float = 0.2
+    regularity: float = 0.5
     reserve: float = 0.005
     swing_moves: bool = True
     straight: bool = False
     samples: int = 9
     density: int = 10
-    dip: float = 1e-4
-    refinements: int = 2
+    dip: float = 5e-4
+    refinements: int = 4
     ease: float = 0.02
     least_margin: float = 0.0
     least_time: float = 0.02
