@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from numpy.testing import assert_allclose
 
 import paraopt as po
 from paraopt.robots.larm import CABLES
+from paraopt.scene.reach import walk_configurations
+from paraopt.view.motion import list_cable_ends
 
 SIDE, HALF_WIDTH = 1.0, 0.1
 EXITS = np.array([(0, 0), (0, SIDE), (SIDE, 0), (SIDE, SIDE)])
@@ -69,6 +72,30 @@ def test_lengths_of_the_cables_in_space(seed: int) -> None:
     assert_allclose(level.active, np.linalg.norm(ends - exits, axis=1), atol=1e-11)
     rolled = spatial().kinematics.solve({**dict(zip(CABLES, level.active, strict=True)), "alpha": 0.7}, level)
     assert_allclose(rolled.configuration.active, level.active, atol=1e-12)
+
+
+@pytest.mark.parametrize("build", [planar, spatial])
+def test_the_cables_are_as_long_as_their_variables(build: Callable[[], po.Robot]) -> None:
+    robot = build()
+    X = walk_configurations(robot, 200, seed=1)
+    ends = list_cable_ends(po.Scene(robot), X)
+    assert [c.name for c in robot.cables] == [f"cable {q}" for q in CABLES]
+    assert_allclose(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), X[:, :4], atol=1e-9)
+    assert_allclose(ends[:, :, 0], np.tile(np.column_stack([EXITS, np.zeros(4)]), (200, 1, 1)), atol=1e-12)
+
+
+def test_exits_and_bar_do_not_count_but_the_load_and_the_other_cables_do() -> None:
+    scene = po.Scene(spatial())
+    rows = {p.name: "checked" for p in scene.pairs} | {s.name: s.reason for s in scene.skipped_pairs}
+    for q in CABLES:
+        assert rows[f"platform bar / cable {q}"] == "the cable ends on 'platform bar'"
+        assert rows[f"platform / cable {q}"] == "checked"
+        for exit_ in CABLES:
+            held = "lies within the length that is ignored" in rows[f"exit {exit_} / cable {q}"]
+            assert held is (exit_ == q), (exit_, q)
+    assert rows["cable q1 / cable q2"] == rows["cable q3 / cable q4"] == "both end at one place of 'platform'"
+    assert rows["cable q1 / cable q3"] == rows["cable q2 / cable q4"] == "checked"
+    assert scene.clearance(spatial().home_configuration).distance > 0.04
 
 
 def test_tensions_balance_where_the_source_bounds_the_rotation() -> None:

@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import paraopt as po
+from gantry import gantry, limits
 from paraopt.scene import Cable
 from paraopt.scene.cable import shorten_segments
 from paraopt.scene.ends import holds
@@ -348,3 +349,24 @@ def test_batches_and_bounds() -> None:
         assert scene.clearances(X[i])[0][0] == pytest.approx(values[i], abs=1e-9)
     near = scene.too_close(X, 0.1)
     assert np.array_equal(near >= 0, values < 0.1)
+
+
+# --- In a plan
+
+
+def test_a_plan_leads_a_rope_round_a_hose() -> None:
+    """Both are thin: a rope that passed through the hose would be in contact for two millimetres of the way only."""
+    rope = cable(point_B=(0, 0, 0), link_B="block", radius=0.001)
+    hose = cable(name="hose", point_A=(0, -1, 1), link_B="base", point_B=(0, 0.2, 1), radius=0.001)
+    position = {"x": (-1.0, 1.0), "y": (-1.0, 1.0), "z": (-0.5, 0.5)}
+    bounds = dataclasses.replace(limits(), position=position)
+    robot = dataclasses.replace(gantry(), cables=[rope, hose], limits=bounds)
+    ends = ({"x": x, "y": 0.0, "z": 0.0} for x in (-0.5, 0.5))
+    plan = po.plan(po.Problem(po.Scene(robot), *ends, margins=po.Margins(clearance=0.01)))
+    assert plan.certificate.passed
+    x, y, z = plan.trajectory(np.linspace(0.0, plan.trajectory.duration, 4001))[:, -3:].T
+    crossings = np.flatnonzero(x[1:] * x[:-1] <= 0.0)
+    assert crossings.size
+    # where the block crosses the plane of the hose, the rope is at the height of the hose beyond its end
+    for k in crossings:
+        assert y[k] / (2.0 - z[k]) > 0.2 + 0.01
