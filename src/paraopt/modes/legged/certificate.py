@@ -191,7 +191,7 @@ class _Ledger:
                 self._largest(name, np.where(finite, values, np.inf), bound, unit, clock, where)
 
             if foot not in phase.standing:
-                judge("lifted feet in the ground", -height[:, i], self.tolerances.support, "m")
+                judge("lifted feet in the ground", 0.0 - height[:, i], self.tolerances.support, "m")
                 continue
             drift = np.linalg.norm(ends[:, i] - fixed[:, i], axis=1)
             judge("standing feet move", drift, self.tolerances.foot, "m")

@@ -240,10 +240,10 @@ def check_lock(task: LeggedTask, phase: Phase, problem: Problem) -> None:
         way = np.abs(motions @ ways[-1])
         loose = [mechanism.names[free[i]] for i in np.argsort(-way)[:3]]
         rank = int(np.count_nonzero(sizes > RANK_TOLERANCE))
+        what = "can move by themselves" if rank < left else "move far while the coordinates hardly do"
         raise InfeasibleError(
             f"{told}the coordinates {coordinates} determine {rank} of {left} motions, with a smallest singular value "
-            f"of {smallest:.2g} ({asked:g} is asked): {loose} can move by themselves; lock at another pose, or lock "
-            "other joints",
+            f"of {smallest:.2g} ({asked:g} is asked): {loose} {what}; begin at another pose, or lock other joints",
             **evidence,
             loose=tuple(loose),
         )
