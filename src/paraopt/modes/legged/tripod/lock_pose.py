@@ -133,12 +133,12 @@ def find_lock_pose(
     starts = [tilt_frame(near, azimuth, options.tilt)]
     starts += list(near + rng.uniform(-1, 1, size=(options.starts - len(starts), 6)) * width)
     climbs: list[_Climb] = []
-    found, reasons, iterations = [], [], 0
+    found, shares, iterations = [], [], 0
     for begin in starts:
         try:
             climb = _climb(walker, swing, begin, options)
         except SolveError as error:  # from there the locks do not carry the platform through the swing
-            reasons.append(str(error))
+            shares.append(float(error.evidence.get("share", 0.0)))
             found.append(float("nan"))
             continue
         iterations += climb.iterations
@@ -149,7 +149,7 @@ def find_lock_pose(
     good = [c for c in steered if c.state.smallest >= options.lock_margin]
     if not good:
         where = f"phase {phase!r}: " if phase else ""
-        told, margin, nearest = _explain(climbs, holding, steered, options, reasons)
+        told, margin, nearest = _explain(swing, climbs, holding, steered, options, shares)
         raise InfeasibleError(
             f"{where}foot {swing.leg} cannot {told}", leg=swing.leg, margin=margin, state=nearest and nearest.state
         )
@@ -162,15 +162,20 @@ def find_lock_pose(
 
 
 def _explain(
+    swing: Swing,
     climbs: Sequence[_Climb],
     holding: Sequence[_Climb],
     steered: Sequence[_Climb],
     options: LockPoseOptions,
-    reasons: Sequence[str],
+    shares: Sequence[float],
 ) -> tuple[str, float, _Climb | None]:
     """Say what no pose could do, with the margin of the nearest one and that one."""
     if not climbs:
-        return f"reach its new frame from any of {options.starts} poses: {reasons[0]}", float("nan"), None
+        left = (1.0 - max(shares)) * float(np.linalg.norm(np.asarray(swing.goal)[:3] - swing.start[:3]))
+        return (
+            f"reach its new frame from any of {options.starts} poses: the locks let go of the platform "
+            f"{1e3 * left:.0f} mm before at best, after {100 * max(shares):.0f} % of its way; place it nearer"
+        ), -left, None  # fmt: skip
     if not holding:
         nearest = min(climbs, key=lambda c: c.bounds.shortfall)
         return f"reach its new frame: {nearest.bounds.worst}; place it nearer", -nearest.bounds.shortfall, nearest
@@ -253,7 +258,26 @@ def _climb(walker: WalkingTripod, swing: Swing, start: Array, options: LockPoseO
             radius *= 0.4
         elif share > 0.7 and float(np.max(np.abs(step))) > 0.9 * radius:
             radius = min(2.0 * radius, 0.3)
-    return _Climb(state, bounds, iteration)
+    state, bounds, steps = _restore(state, bounds, options)
+    return _Climb(state, bounds, iteration + steps)
+
+
+def _restore(
+    state: SwingState, bounds: _Bounds, options: LockPoseOptions, most: int = 10
+) -> tuple[SwingState, _Bounds, int]:
+    """Go back within bounds that a climb still misses by little: only they count, over short ways."""
+    for step_ in range(most):
+        miss = bounds.shortfall
+        if not 0.1 * options.feasibility < miss < 0.01:
+            return state, bounds, step_
+        sigma, slopes = state.singular_slopes()
+        step, _ = _solve_program(sigma.ravel(), slopes.reshape(-1, 6), bounds, 20.0 * miss, 1e4)
+        trial = state.moved(step)
+        new_bounds = None if trial is None else _build_bounds(trial, options)
+        if trial is None or new_bounds is None or new_bounds.shortfall >= miss:
+            return state, bounds, step_ + 1
+        state, bounds = trial, new_bounds
+    return state, bounds, most
 
 
 def _solve_program(sigma: Array, slopes: Array, bounds: _Bounds, radius: float, penalty: float) -> tuple[Array, float]:

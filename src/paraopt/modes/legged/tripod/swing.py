@@ -101,7 +101,7 @@ def follow_swing(
 
     Raises:
         SolveError: The locks let go of the platform on the way, or the foot cannot go there with these locks. Evidence:
-            "s", the instant, and "share" of the swing that could be done.
+            "s", the instant, and "share", how much of the swing could be done.
 
     Source: Tripod, 4.1.
     """
@@ -120,7 +120,7 @@ def follow_swing(
                 f"foot {swing.leg} cannot follow its swing with the joints locked at this pose: they let go of the "
                 f"platform at s = {s[k]:.2f} of {100 * share:.0f} % of the swing",
                 s=float(s[k]),
-                share=float(share),
+                share=float(share) - 1.0 / steps,
                 leg=swing.leg,
             )
     return poses
