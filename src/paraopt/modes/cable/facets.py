@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError
-from paraopt.modes.cable.minors import plan_minors
+from paraopt.modes.cable.minors import find_thin, loss, plan_minors
 from paraopt.modes.cable.model import CableRobot
 from paraopt.modes.cable.wrench import cable_functions
 
@@ -57,6 +57,7 @@ class Facets:
         lower: Least product, same shape.
         columns: The cables that span each pair, shape (n_pairs, dof - 1).
         length: Characteristic length by which moments are divided [m].
+        largest: Largest tension of all cables [N].
     """
 
     normals: Array
@@ -64,6 +65,7 @@ class Facets:
     lower: Array
     columns: Index
     length: float
+    largest: float
 
     @property
     def is_flat(self) -> NDArray[np.bool_]:
@@ -77,11 +79,20 @@ class Facets:
             wrench: What the cables must balance, w [N, N m], shape (k, dof), or (dof,) for all poses.
 
         Returns:
-            Shape (k, 2 n_pairs) [N], those of the lower facets first; inf where there is no facet.
+            Shape (k, 2 n_pairs) [N], those of the lower facets first; inf where there is no facet. At poses where the
+            cables do not feel some direction, at which the set has no inside, all are negative.
         """
         levels = self.slopes(wrench) + np.hstack([-self.lower, self.upper])
         levels[np.tile(self.is_flat, 2)] = np.inf
+        lost = self.is_lost
+        levels[lost] = np.minimum(levels[lost], 0.0) - loss(self.largest)
         return np.asarray(levels)
+
+    @property
+    def is_lost(self) -> NDArray[np.bool_]:
+        """Tell at which poses the cables do not feel some direction, shape (k,)."""
+        thin = find_thin(self.upper, self.lower, self.is_flat, self.largest)
+        return np.asarray(np.any(thin, axis=1) | np.all(self.is_flat, axis=1))
 
     def slopes(self, wrench: ArrayLike) -> Array:
         """Give what a wrench adds to the distances; shape (k, 2 n_pairs) [N], zero where there is no facet."""
@@ -144,7 +155,7 @@ def facets_of(
         part = slice(first, min(first + options.chunk, k))
         c, top, bottom = plan.evaluate(_poses_last(matrices[part], weights), low, high, options.flat)
         normals[part], upper[part], lower[part] = c.transpose(2, 1, 0), top.T, bottom.T
-    return Facets(normals, upper, lower, plan.columns, length)
+    return Facets(normals, upper, lower, plan.columns, length, float(np.max(high)))
 
 
 def capacity_margins(
@@ -154,7 +165,8 @@ def capacity_margins(
 
     Inside it is the distance to the nearest facet, exactly: the largest disturbance in force, or in moment over the
     characteristic length, that the cables can balance in every direction. Outside it is negative, by how far the wrench
-    lies beyond the facet that it exceeds most. Where the cables do not feel some direction it is at most zero.
+    lies beyond the facet that it exceeds most. Where the cables do not feel some direction there is no inside: it is
+    negative there, even where tensions balance this very wrench, which `check_feasibility` tells.
 
     Args:
         robot: The cable robot.
@@ -187,7 +199,7 @@ def capacity_margins(
     lost = np.flatnonzero(np.isinf(margins))
     if lost.size:  # no hyperplane at all: the rank is below dof - 1
         U = np.linalg.svd(W[lost] / weights[:, 0])[0]
-        margins[lost] = -np.abs(np.einsum("kd,dk->k", U[:, :, -1], asked[:, lost]))
+        margins[lost] = -np.abs(np.einsum("kd,dk->k", U[:, :, -1], asked[:, lost])) - loss(float(np.max(high)))
     return margins
 
 
@@ -203,9 +215,8 @@ def has_wrench_closure(robot: CableRobot, poses: ArrayLike, options: FacetOption
     W = cable_functions(robot).both(poses)[0]
     facets = facets_of(W, 0.0, 1.0, robot.length_scale, options)
     levels = np.minimum(np.where(facets.is_flat, np.inf, facets.upper), np.where(facets.is_flat, np.inf, -facets.lower))
-    nearest = np.min(levels, axis=1)
     # the columns have a size of one: below this, round-off decides
-    return np.asarray((nearest > 1e-12) & np.isfinite(nearest))
+    return np.asarray((np.min(levels, axis=1) > 1e-12) & ~facets.is_lost)
 
 
 # --- Gradients

@@ -117,7 +117,7 @@ class TensionMargin:
             levels = _hanging_levels(self.robot, poses)[0]
             empty = np.zeros((len(poses), 0, self.robot.dof))
             none: Index = np.zeros((len(poses), 0), dtype=np.intp)
-            return levels, none, Facets(empty, empty[:, :, 0], empty[:, :, 0], none, self.robot.length_scale)
+            return levels, none, Facets(empty, empty[:, :, 0], empty[:, :, 0], none, self.robot.length_scale, 0.0)
         facets = compute_facets(self.robot, poses)
         levels = facets.distances(cable_functions(self.robot).wrench(poses))
         # where columns are dependent there is no facet: it is as far as no wrench ever is

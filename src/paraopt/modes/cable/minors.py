@@ -82,12 +82,37 @@ class MinorPlan:
         return c, upper, lower
 
     def margin(self, W: Array, w: Array, low: Array, high: Array, flat: float) -> Array:
-        """Give the least distance over all facets, inf without any; shape (k,)."""
+        """Give the least distance over all facets; shape (k,).
+
+        Where the set has no inside it is negative; inf where no columns span a hyperplane.
+        """
         c, upper, lower = self.evaluate(W, low, high, flat)
         along = np.einsum("dpk,dk->pk", c, w)
         levels = np.minimum(upper + along, -along - lower)
-        levels[~np.any(c, axis=0)] = np.inf
+        is_flat = ~np.any(c, axis=0)
+        levels[find_thin(upper, lower, is_flat, float(np.max(high)))] -= loss(float(np.max(high)))
+        levels[is_flat] = np.inf
         return np.asarray(np.min(levels, axis=0))
+
+
+def find_thin(upper: Array, lower: Array, is_flat: NDArray[np.bool_], largest: float) -> NDArray[np.bool_]:
+    """Tell between which pairs of facets there is nothing but round-off: the cables do not feel their normal.
+
+    Args:
+        upper: Largest products of normals and wrenches [N].
+        lower: Least products, same shape.
+        is_flat: Which pairs are none, same shape.
+        largest: Largest tension [N].
+    """
+    return np.asarray((upper - lower <= 1e-12 * largest) & ~is_flat)
+
+
+def loss(largest: float) -> float:
+    """Give the margin that is lacking at least where the cables do not feel some direction [N].
+
+    It is a millionth of the largest tension: no solver's tolerance then takes the pose for one that is held.
+    """
+    return 1e-6 * largest
 
 
 @lru_cache(maxsize=16)

@@ -19,6 +19,7 @@ from paraopt.modes.cable import (
     cable_functions,
     capacity_gradients,
     capacity_margins,
+    check_feasibility,
     compute_facets,
     has_wrench_closure,
     is_wrench_feasible,
@@ -121,8 +122,17 @@ def test_a_platform_that_cables_do_not_feel_has_no_margin(points: list[tuple[flo
     """All cables on one point give no moment about it, all on one line none about the line."""
     robot = ipanema(attachments=points, centre=(0, 0.01, 0), characteristic_length=0.1)
     assert capacity_margins(robot, [0.1, 0.2, 1.0, 0.1, 0.2, 0.3])[0] < -1e-3
-    level = ipanema(attachments=points, characteristic_length=0.1, gravity=(0, 0, 0))
-    assert capacity_margins(level, [0.1, 0.2, 1.0, 0.1, 0.2, 0.3])[0] <= 1e-12
+    # a wrench that they balance all the same finds no margin either, and no pose counts as feasible
+    held = ipanema(attachments=points, characteristic_length=0.1)
+    pose = [0.1, 0.2, 1.0, 0.1, 0.2, 0.3]
+    wrench = -cable_functions(held).wrench_matrix(pose)[0] @ np.full(8, 300.0)
+    assert check_feasibility(held, pose, wrench).is_feasible
+    assert capacity_margins(held, pose, wrench)[0] < 0.0
+    assert not is_wrench_feasible(held, pose)[0]
+    facets = compute_facets(held, pose)
+    assert facets.is_lost[0]
+    assert np.max(facets.distances(wrench)) < 0.0
+    assert not has_wrench_closure(held, pose)[0]
 
 
 @pytest.mark.parametrize(
