@@ -1,16 +1,16 @@
 """Legged machines: parallel robots whose feet stand on a support, come off it, and stand elsewhere."""
 
 from paraopt.modes.legged.balance import (
-    HeightCondition,
-    StabilityCondition,
     SupportPolygon,
     build_centre,
     build_polygon,
     differentiate_centre,
     measure_centre,
     measure_support,
+    measure_worst_support,
 )
 from paraopt.modes.legged.certificate import LeggedCertificate, LeggedTolerances, verify_legged
+from paraopt.modes.legged.conditions import HeightCondition, StabilityCondition
 from paraopt.modes.legged.machine import Foot, LeggedMachine
 from paraopt.modes.legged.phases import PhaseTolerances, build_problems
 from paraopt.modes.legged.plan import LeggedPlan, PhasePlan, plan_legged
@@ -44,6 +44,7 @@ __all__ = [
     "measure_centre",
     "measure_height",
     "measure_support",
+    "measure_worst_support",
     "plan_legged",
     "verify_legged",
 ]

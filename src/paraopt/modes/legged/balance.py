@@ -19,7 +19,6 @@ from paraopt.closure import ClosureGraph
 from paraopt.errors import DefinitionError
 from paraopt.kinematics.codegen import Backend, CompiledFunction
 from paraopt.modes.legged.machine import LeggedMachine
-from paraopt.modes.legged.supports import Support, measure_height
 
 Array = NDArray[np.float64]
 
@@ -160,99 +159,6 @@ class SupportPolygon:
         return normals, np.sum(normals * corners, axis=1), corners
 
 
-@dataclass(frozen=True, eq=False)
-class StabilityCondition:
-    """Keep the centre of gravity inside the edges of a support polygon: a condition of a `Problem`.
-
-    Attributes:
-        machine: The machine.
-        polygon: The polygon of the feet that stand.
-        margin: Least distance from each edge [m].
-        horizon: Distance beyond the margin at which an edge is out of sight [m].
-
-    Raises:
-        DefinitionError: There is no edge, or the horizon is not above zero.
-    """
-
-    machine: LeggedMachine
-    polygon: SupportPolygon
-    margin: float = 0.0
-    horizon: float = 0.02
-
-    def __post_init__(self) -> None:
-        if not self.polygon.edges:
-            raise DefinitionError(f"{list(self.polygon.corners)} make no support polygon; at least two feet must stand")
-        if not (np.isfinite(self.horizon) and self.horizon > 0):
-            raise DefinitionError(f"horizon of the support margin is {self.horizon} m; it must be finite and above 0")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name the edges."""
-        return tuple(f"support margin, edge {edge}" for edge in self.polygon.edges)
-
-    @property
-    def lower(self) -> Array:
-        """Give the margin over the horizon for each edge."""
-        return np.full(len(self.polygon.edges), self.margin / self.horizon)
-
-    def values(self, X: Array) -> Array:
-        """Give the distances from the edges over the horizon, shape (n, n_edges)."""
-        return self.polygon.distances(measure_centre(self.machine, X)) / self.horizon
-
-    def gradients(self, X: Array, T: Array) -> tuple[Array, Array]:
-        """Give them with their derivatives along the motions T; see `PathCondition`."""
-        centre, slopes = differentiate_centre(self.machine, X)
-        along = self.polygon.normals @ (slopes @ T)
-        return self.polygon.distances(centre) / self.horizon, along / self.horizon
-
-
-@dataclass(frozen=True, eq=False)
-class HeightCondition:
-    """Keep lifted feet over what they will stand on: a condition of a refinement.
-
-    It is no condition of a `Problem`, whose barriers would keep the foot from ever touching the ground.
-
-    Attributes:
-        machine: The machine.
-        feet: Names of the feet.
-        support: What they must not enter.
-        depth: How deep they may be in it [m].
-        horizon: Height that counts as one [m].
-    """
-
-    machine: LeggedMachine
-    feet: Sequence[str]
-    support: Support
-    depth: float = 1e-7
-    horizon: float = 0.02
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name the feet."""
-        return tuple(f"height of foot {foot!r}" for foot in self.feet)
-
-    @property
-    def lower(self) -> Array:
-        """Give the lowest height over the horizon for each foot."""
-        return np.full(len(self.feet), -self.depth / self.horizon)
-
-    def values(self, X: Array) -> Array:
-        """Give the heights over the horizon, shape (n, n_feet)."""
-        points = self.machine.contacts(X)[0][:, self._places]
-        return measure_height(self.support, points) / self.horizon
-
-    def gradients(self, X: Array, T: Array) -> tuple[Array, Array]:
-        """Give them with their derivatives along the motions T; see `PathCondition`."""
-        points, slopes = self.machine.contact_slopes(X)
-        normals = self.support.tangent_plane(points[:, self._places])[1]
-        along = np.einsum("nfi,nfiv,nvm->nfm", normals, slopes[:, self._places], T)
-        return measure_height(self.support, points[:, self._places]) / self.horizon, along / self.horizon
-
-    @cached_property
-    def _places(self) -> list[int]:
-        return [self.machine.names.index(self.machine.foot(foot).name) for foot in self.feet]
-
-
 def measure_support(
     machine: LeggedMachine, X: ArrayLike, standing: Sequence[str], gravity: ArrayLike = (0.0, 0.0, -1.0)
 ) -> Array:
@@ -269,6 +175,56 @@ def measure_support(
     """
     rows = np.atleast_2d(np.asarray(X, dtype=float))
     return build_polygon(machine, rows[0], standing, gravity).margin(measure_centre(machine, rows))
+
+
+def measure_worst_support(
+    machine: LeggedMachine,
+    X: ArrayLike,
+    standing: Sequence[str],
+    share: float = 0.1,
+    gravity: ArrayLike = (0.0, 0.0, -1.0),
+) -> Array:
+    """Measure the smallest support margin over all masses that differ from the stated ones by up to a share.
+
+    Each link's mass differs by itself. The distance from an edge is `sum m_i d_i / sum m_i`, d_i that of the centre of
+    link i, and least where every link on the near side of it is heavy and every other one light; which side a link is
+    on follows from the value itself, so it is lowered until the sides no longer change.
+
+    Args:
+        machine: The machine.
+        X: Configurations, shape (n, n_variables); the first tells where the feet stand.
+        standing: Names of the feet that stand, three at least.
+        share: Share by which a mass may be larger or smaller [1].
+        gravity: Direction of gravity.
+
+    Returns:
+        The smallest distance inside the edges [m], shape (n,), below zero where some masses tip the machine over.
+
+    Raises:
+        DefinitionError: The share is not in [0, 1), or the feet make no polygon.
+
+    Source: Dinkelbach1967.
+    """
+    if not 0.0 <= share < 1.0:
+        raise DefinitionError(f"share by which masses differ is {share}; it must be in [0, 1)")
+    rows = np.atleast_2d(np.asarray(X, dtype=float))
+    polygon = build_polygon(machine, rows[0], standing, gravity)
+    if len(polygon.corners) < 3:
+        raise DefinitionError(f"feet {list(standing)} make no polygon: their corners are {list(polygon.corners)}")
+    links, weights = _weigh(machine)
+    masses = weights[:, 3]
+    backend = machine.robot.kinematics.functions.backend
+    centres = weights[:, :3] / masses[:, None]
+    (points,) = _point_function(machine.robot.kinematics.graph, links, backend).batch(rows, centres)
+    d = polygon.distances(points.reshape(-1, 3)).reshape(len(rows), len(links), -1).transpose(0, 2, 1)
+    worst = d @ masses
+    for _ in range(len(links) + 1):
+        heavy = np.where(d < worst[:, :, None], 1.0 + share, 1.0 - share) * masses
+        lower = np.sum(heavy * d, axis=2) / np.sum(heavy, axis=2)
+        if np.all(lower >= worst - 1e-15):
+            break
+        worst = np.minimum(lower, worst)
+    return np.asarray(np.min(worst, axis=1))
 
 
 def build_polygon(
@@ -309,6 +265,15 @@ def _centre_functions(graph: ClosureGraph, links: tuple[str, ...], backend: Back
         ],
         backend,
     )
+
+
+@lru_cache(maxsize=64)
+def _point_function(graph: ClosureGraph, links: tuple[str, ...], backend: Backend) -> CompiledFunction:
+    """Compile the places of points of links in the world, one row for each link."""
+    points = ca.SX.sym("points", len(links), 3)
+    placed = [graph.X_W[link][:3, :3] @ points[i, :].T + graph.X_W[link][:3, 3] for i, link in enumerate(links)]
+    function = ca.Function("paraopt_mass_points", [graph.X, points], [ca.densify(ca.horzcat(*placed).T)], {"cse": True})
+    return CompiledFunction(function, backend)
 
 
 def level_axes(down: Array) -> Array:

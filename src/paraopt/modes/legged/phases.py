@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from paraopt.errors import DefinitionError, InfeasibleError, ParaoptError
 from paraopt.kinematics import Configuration
 from paraopt.kinematics.ranks import RANK_TOLERANCE, null_space
-from paraopt.modes.legged.balance import StabilityCondition, SupportPolygon, build_polygon, measure_centre
+from paraopt.modes.legged.balance import SupportPolygon, build_polygon, measure_centre
+from paraopt.modes.legged.conditions import StabilityCondition
 from paraopt.modes.legged.machine import find_motions
 from paraopt.modes.legged.supports import measure_height
 from paraopt.modes.legged.task import LeggedTask, Phase

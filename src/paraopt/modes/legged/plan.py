@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from paraopt.errors import InfeasibleError, RefineError
 from paraopt.kinematics import Configuration
-from paraopt.modes.legged.balance import HeightCondition
 from paraopt.modes.legged.certificate import LeggedCertificate, LeggedTolerances, verify_legged
+from paraopt.modes.legged.conditions import HeightCondition
 from paraopt.modes.legged.phases import PhaseTolerances, build_problems, name_phase
 from paraopt.modes.legged.task import LeggedTask, Phase
 from paraopt.modes.legged.trajectory import LeggedTrajectory, PhaseMark

@@ -18,6 +18,7 @@ import paraopt as po
 from paraopt.modes.legged import (
     HeightCondition,
     LeggedMachine,
+    LeggedPlan,
     PlaneSupport,
     StabilityCondition,
     SupportPolygon,
@@ -26,6 +27,7 @@ from paraopt.modes.legged import (
     differentiate_centre,
     measure_centre,
     measure_support,
+    measure_worst_support,
 )
 from support import finite_difference
 
@@ -184,3 +186,42 @@ def test_a_condition_needs_an_edge(machine: LeggedMachine) -> None:
     line = SupportPolygon.over(["a", "b"], [(0, 0, 0), (1, 0, 0)])
     with pytest.raises(po.DefinitionError, match="horizon"):
         StabilityCondition(machine, line, horizon=0.0)
+
+
+# --- Masses that are not known well
+
+
+def test_the_worst_masses_are_found(machine: LeggedMachine, plan: LeggedPlan) -> None:
+    """No choice of masses within the share is worse, and the corners of the box come as near as one likes."""
+    feet = ("right front", "left rear", "left front")
+    swing = plan.trajectory.parts[1]
+    X = swing(np.linspace(0.0, swing.duration, 7))
+    worst = measure_worst_support(machine, X, feet, 0.1)
+    nominal = measure_support(machine, X, feet)
+    assert np.all(worst < nominal)
+    assert_allclose(measure_worst_support(machine, X, feet, 0.0), nominal, atol=1e-15)
+    # of the corners, those that are best for one edge are found by trying the links one after the other
+    masses = dict(machine.masses or {})
+    polygon = build_polygon(machine, X[0], feet)
+    reached = np.full(len(X), np.inf)
+    for edge in range(len(polygon.edges)):
+        for i, x in enumerate(X):
+            chosen = dict(masses)
+            for _ in range(3):
+                for link in masses:
+                    tried = [{**chosen, link: masses[link] * factor} for factor in (0.9, 1.1)]
+                    chosen = min(
+                        tried,
+                        key=lambda m: polygon.distances(measure_centre(replace(machine, masses=m), x))[0, edge],
+                    )
+            reached[i] = min(reached[i], measure_support(replace(machine, masses=chosen), x, feet)[0])
+    assert_allclose(worst, reached, atol=1e-12)
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        drawn = {link: mass * random.uniform(0.9, 1.1) for link, mass in masses.items()}
+        assert np.all(measure_support(replace(machine, masses=drawn), X, feet) >= worst - 1e-12)
+    for share in (-0.1, 1.0):
+        with pytest.raises(po.DefinitionError, match="share"):
+            measure_worst_support(machine, X, feet, share)
+    with pytest.raises(po.DefinitionError, match="no polygon"):
+        measure_worst_support(machine, X, feet[:2])
