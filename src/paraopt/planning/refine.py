@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from paraopt.errors import DefinitionError, ParaoptError, RefineError, SolveError
 from paraopt.planning.nlp import Nlp, NlpOptions, Slack, build_nlp, solve_nlp
@@ -67,7 +67,8 @@ class SplineRefiner(NlpOptions):
 
     Attributes:
         rounds: Bound on the optimisations: after each one the path is checked densely. Where it fails between the
-            samples, a knot and samples are added, and more is asked of the samples beside.
+            samples, a knot and samples are added, and more is asked of the samples beside. Up to two more follow where
+            the seed suggested other shares of the length for waypoints than the path gives them.
 
     Source: ipopt; osqp.
     """
@@ -100,10 +101,12 @@ class SplineRefiner(NlpOptions):
         self._check_ends(problem, seed)
         state = self._begin(problem, seed, warm)
         options: SplineRefiner = self if warm is None else replace(self, barrier=self.final_barrier)
-        iterations = evaluations = 0
+        iterations = evaluations = evened = 0
         violation: Violation | None = None
         worst: list[float] = []
-        for round_ in range(1, self.rounds + 1):
+        round_ = 0
+        while round_ < self.rounds + evened:
+            round_ += 1
             nlp = state.build(problem, seed, options)
             x, stats = self._solve(nlp, options, state, seed)
             iterations += stats["iterations"]
@@ -112,7 +115,7 @@ class SplineRefiner(NlpOptions):
             try:
                 violation = check_densely(problem, path, 10 * len(nlp.samples), self.constraints)
             except SolveError as error:  # the closures hold at the samples, but not between them
-                if round_ == self.rounds:
+                if round_ == self.rounds + evened:
                     raise RefineError(
                         f"the path leaves the reachable space between its samples: {error}; allow more samples, or "
                         "loosen what drives it there",
@@ -121,6 +124,9 @@ class SplineRefiner(NlpOptions):
                         s=error.evidence.get("s"),
                     ) from error
                 state = state.restart(nlp)
+                continue
+            if evened < 2 and (even := state.even_out(nlp, path, violation)) is not None:
+                evened, state, options = evened + 1, even, replace(options, barrier=options.final_barrier)
                 continue
             worst.append(0.0 if violation is None else violation.size(nlp.evaluation.barriers.horizon))
             if len(worst) > 1 and worst[-1] > max(0.7 * worst[-2], 0.2):
@@ -226,6 +232,29 @@ class _State:
         """Begin again at the seed, with twice the samples."""
         halves = 0.5 * (nlp.samples[1:] + nlp.samples[:-1])
         return _State(Slack(), nlp.evaluator.pairs, nlp.knots, np.union1d(nlp.samples, halves))
+
+    def even_out(self, nlp: Nlp, path: Path, violation: Violation | None, most: float = 0.02) -> _State | None:
+        """Move the parameters of waypoints to where the path is run evenly; None where they are there.
+
+        The seed only suggests them: held where they are, one part of the path would be run through in a hurry. Beside a
+        tool path, which fixes the parameters of its part, they stay.
+        """
+        if not nlp.space.places or nlp.space.spans:
+            return None
+        fixed = np.unique(np.clip([0.0, *nlp.space.places, 1.0], 0.0, 1.0))
+        s = np.union1d(np.linspace(0.0, 1.0, 2001), fixed)
+        steps = np.linalg.norm(np.diff(path.spline(s) * nlp.problem.metric, axis=0), axis=1)
+        arc = np.append(0.0, np.cumsum(steps))
+        shares = arc[np.searchsorted(s, fixed)] / max(arc[-1], 1e-300)
+        if np.max(np.abs(shares - fixed)) < most or np.min(np.diff(shares)) < 1e-3:
+            return None
+        u = np.union1d(np.linspace(0.0, 1.0, 257), shares)
+        near = make_interp_spline(u, path.spline(np.interp(u, shares, fixed)), 3)
+        samples = np.linspace(0.0, 1.0, len(nlp.samples))
+        X = path.solve(np.interp(samples[1:-1], shares, fixed))
+        slack = Slack(clearance=float(np.min(self.slack.clearance)))  # what else was added belongs to other places
+        pairs = nlp.evaluator.pairs if violation is None else np.union1d(nlp.evaluator.pairs, violation.pairs)
+        return _State(slack, pairs.astype(int), None, samples, near, X)
 
     def densify(self, nlp: Nlp, path: Path, violation: Violation, multipliers: Array) -> _State:
         """Add samples where something falls short, and a knot where that is more than a sag between samples."""

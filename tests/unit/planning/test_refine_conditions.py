@@ -334,6 +334,27 @@ def test_a_path_passes_a_ball_around_a_waypoint_where_it_is_nearest() -> None:
     assert 0.12 < found.length < po.SplineRefiner(waypoints=[po.Waypoint(place)]).refine(problem, seed).length
 
 
+@pytest.mark.parametrize("radius", [0.0, 0.01])
+def test_the_seed_does_not_say_when_a_waypoint_is_passed(radius: float) -> None:
+    """Detours of the seed before or after the place shift its parameter, but not the path that comes out."""
+    problem, _, place = _detour()
+    way = tuple(place.values())
+    start, goal, aside = (-0.06, 0.0, 0.48), (0.06, 0.0, 0.48), (0.0, -0.04, 0.5)
+    lengths, durations = [], []
+    for corners in ([start, way, goal], [start, (-0.06, -0.04, 0.47), aside, way, goal],
+                    [start, way, aside, (0.05, -0.05, 0.47), goal]):  # fmt: skip
+        found = po.SplineRefiner(waypoints=[po.Waypoint(place, radius)]).refine(problem, by_hand(problem, corners))
+        line = found.path.spline(np.linspace(0.0, 1.0, 20001))
+        gap, steps = np.linalg.norm(line - way, axis=1), np.linalg.norm(np.diff(line, axis=0), axis=1)
+        assert np.min(gap) <= radius + 1e-5  # half the spacing of these points
+        # run evenly: the seeds' own parameters would be 0.56, 0.75 and 0.30
+        assert np.max(steps) < 1.15 * np.median(steps)
+        lengths.append(found.length)
+        durations.append(po.TimeOptimal().retime(problem, found.path).duration)
+    assert max(lengths) < 1.002 * min(lengths)
+    assert max(durations) < 1.04 * min(durations)  # the seeds' corners give them knots at other places
+
+
 def test_a_tool_path_is_followed_exactly_and_the_redundancy_is_chosen() -> None:
     """Machining with the 3-RPR: x and y follow an arc in the middle of the motion, the angle is free."""
     robot = replace(po.robots.three_rpr(), shapes={})
