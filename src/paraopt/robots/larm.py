@@ -132,6 +132,8 @@ def larm_spatial(
     links.append(Mobile("platform", order="zyx"))
     operational = ("x", "y", "z", "gamma", "beta")
     mechanism = Mechanism("LARM, spatial", links, closures, CABLES, operational)
+    # with the mass on the line of the attachment points there is nothing between them
+    post = [Cylinder.between((0, 0, -drop), (0, 0, 0), 0.008 * side, name="platform post")] if drop else []
     return Robot(
         mechanism,
         home=home,
@@ -142,7 +144,7 @@ def larm_spatial(
                     size=(1.2 * half_width, 0.1 * side, 0.04 * side), pose=transform((0, 0, -drop)), name="platform"
                 ),
                 Capsule.between((-half_width, 0, 0), (half_width, 0, 0), 0.009 * side, name="platform bar"),
-                Cylinder.between((0, 0, -drop), (0, 0, 0), 0.008 * side, name="platform post"),
+                *post,
             ],
         },
         limits=_limits(velocity, acceleration, jerk, ranges),
@@ -212,7 +214,8 @@ def larm_hanging(
         mechanism=mechanism,
         home=home,
         masses={"platform": mass},
-        source="Lahouar, IV.2 (structure); all dimensions, drive limits, masses, tensions, solids and home are ours",
+        centres={"platform": (0.0, 0.0, -drop)},
+        source="Lahouar, IV.2 (structure); all dimensions, limits, masses, tensions, solids, cables and home are ours",
         # computed
         facts={
             "variables": 22, "equations": 18, "mobility": 4,

@@ -6,7 +6,7 @@ import re
 import textwrap
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from graphlib import TopologicalSorter
 from itertools import pairwise
 from typing import Literal
@@ -267,7 +267,6 @@ def _describe_closures(closures: Sequence[Closure]) -> tuple[GraphText, ...]:
         words = _words(kind.__name__)
         lines.append(GraphText(words if count == 1 else f"{count} × {words}", "type"))
     first = closures[0]
-    own = not isinstance(first, LinkClosure) or first.name != f"{first.link_A} = {first.link_B}"
-    if len(closures) == 1 and own:
+    if len(closures) == 1 and first.name != replace(first, name="").name:  # type: ignore[type-var]
         lines += [GraphText(line, "name") for line in _wrap(first.name)]
     return tuple(lines)

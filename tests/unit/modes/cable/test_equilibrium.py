@@ -309,6 +309,49 @@ def test_random_platforms_come_to_rest(n: int, planar: bool) -> None:
         assert sum(found.hits) >= 0.9 * found.starts
 
 
+# --- Motions, and the machinery of closed loops, through equilibria
+
+
+@pytest.mark.slow
+def test_assembly_modes_are_all_equilibria_and_the_stable_ones_those_of_least_energy() -> None:
+    """Four lengths: the loops close with forces at several poses; the energy finds those in which a platform rests."""
+    here = hang_at(x=0.35, y=0.45, gamma=0.2)
+    robot = read_hanging(hanging())
+    modes = hanging().kinematics.assembly_modes({q: here[q] for q in hanging().mechanism.active}, start=here)
+    stable = []
+    for mode in modes:
+        v = mode.configuration
+        pose = [v[c] for c in robot.coordinates]
+        tensions = [v[t] for t in robot.cables]
+        W, w = cable_functions(robot).both(pose)
+        assert_allclose(W[0] @ tensions + w[0], 0.0, atol=1e-8)
+        if judge_stability(robot, pose, tensions).is_stable:
+            stable.append(pose)
+    found = find_equilibria(robot, lengths_of(here))
+    assert len(modes) > len(stable) == len(found)
+    assert_allclose(np.sort(stable, axis=0), np.sort([p.pose for p in found], axis=0), atol=1e-8)
+
+
+def test_a_motion_is_planned_through_equilibria() -> None:
+    """Between the samples of a certified motion, too, forces balance and tensions keep their limits."""
+    start = {"x": 0.3, "y": 0.4, "z": -0.5, "gamma": 0.0}
+    goal = {"x": 0.65, "y": 0.6, "z": -0.4, "gamma": 0.3}
+    problem = po.Problem(po.Scene(hanging()), start, goal, margins=po.Margins(clearance=0.002, singularity=0.05))
+    plan = po.plan(problem)
+    assert plan.certificate.passed
+    X = plan.trajectory(np.linspace(0.0, plan.trajectory.duration, 501))
+    robot = read_hanging(hanging())
+    index = hanging().mechanism.indices
+    poses, tensions = X[:, index(robot.coordinates)], X[:, index(robot.cables)]
+    W, w = cable_functions(robot).both(poses)
+    left = np.einsum("kdn,kn->kd", W, tensions) + w
+    assert np.max(np.abs(left)) <= 1e-9 * robot.weight
+    assert np.all((robot.t_min <= tensions) & (tensions <= robot.t_max))
+    assert np.ptp(poses[:, robot.coordinates.index("beta")]) > 0.4, "the tilt is computed, not imposed"
+    for k in (0, 250, 500):
+        assert judge_stability(robot, poses[k], tensions[k]).is_stable
+
+
 # --- Machines and back
 
 
