@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError
-from paraopt.modes.legged import LeggedMachine, LeggedPlan, PhaseMark, build_polygon, measure_centre, measure_support
+from paraopt.modes.legged import (
+    LeggedMachine,
+    LeggedPlan,
+    PhaseMark,
+    build_polygon,
+    measure_centre,
+    measure_support,
+    measure_worst_support,
+)
 from paraopt.view import style
 from paraopt.view.canvas import axis_label, display_scale, in_house_style, new_figure
 from paraopt.view.figures import LIMIT_DASHES
@@ -23,13 +31,20 @@ Array = NDArray[np.float64]
 
 @in_house_style
 def draw_support_margin(
-    plan: LeggedPlan, *, others: Mapping[str, LeggedMachine] | None = None, count: int = 120, title: str | None = None
+    plan: LeggedPlan,
+    *,
+    others: Mapping[str, LeggedMachine] | None = None,
+    mass_share: float | None = None,
+    count: int = 120,
+    title: str | None = None,
 ) -> Figure:
     """Draw the support margin in time, with the phases shaded by the foot that they lift.
 
     Args:
         plan: The plan.
         others: Machines with other masses, by what the legend calls them: the same motion with their margin.
+        mass_share: Share by which every mass may differ by itself, such as 0.1: the smallest margin that this leaves is
+            drawn as well, dashed; see `measure_worst_support`.
         count: Samples in each phase.
         title: Heading of the figure.
 
@@ -43,8 +58,12 @@ def draw_support_margin(
     asked = [phase.phase.stability for phase in plan.phases]
     if all(value is None for value in asked):
         raise DefinitionError("no phase asks for a support margin (stability); there is nothing to draw")
-    machines = {"as planned" if others else "": plan.task.machine, **(others or {})}
+    compared = bool(others) or mass_share is not None
+    machines = {"as planned" if compared else "": plan.task.machine, **(others or {})}
     curves = {name: _sample_margin(plan, machine, count) for name, machine in machines.items()}
+    worst = "" if mass_share is None else f"worst masses within ±{100 * mass_share:g} %"
+    if mass_share is not None:
+        curves[worst] = _sample_margin(plan, plan.task.machine, count, mass_share)
     factor, unit = display_scale("m", *(margin for _, margin in curves.values()))
     figure = new_figure(_choose_width(marks), 3.4)
     heading = title or f"{plan.task.machine.robot.name}: support margin"
@@ -53,6 +72,8 @@ def draw_support_margin(
     _shade_phases(axes, marks, plan.task.machine.names)
     for k, (name, (t, margin)) in enumerate(curves.items()):
         look: Any = {"color": style.INK if k == 0 else style.series_color(k - 1), "linewidth": 1.7 if k == 0 else 1.0}
+        if name == worst:
+            look |= {"color": style.INK, "linestyle": (0.0, (2.0, 1.5))}
         axes.plot(t, factor * margin, label=name or None, zorder=3 - 0.1 * k, **look)
     for mark, bound in zip(marks, asked, strict=True):
         if bound is not None:
@@ -71,7 +92,7 @@ def draw_support_margin(
     axes.set(xlim=(marks[0].start, marks[-1].end), xlabel="time [s]", ylabel=axis_label("support margin", unit))
     axes.margins(y=0.15)
     handles = _list_handles(marks, plan.task.machine.names, "lifting ")
-    if others:
+    if compared:
         handles += axes.get_legend_handles_labels()[0]
     if handles:
         place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2, "columnspacing": 1.2}
@@ -175,15 +196,21 @@ def _sample_phases(plan: LeggedPlan, count: int) -> list[tuple[Array, Array]]:
     return found
 
 
-def _sample_margin(plan: LeggedPlan, machine: LeggedMachine, count: int) -> tuple[Array, Array]:
+def _sample_margin(
+    plan: LeggedPlan, machine: LeggedMachine, count: int, mass_share: float = 0.0
+) -> tuple[Array, Array]:
     """Give the support margin of a machine that makes the plan's motion; nan where none is asked, and between phases.
 
     Where a foot comes off or down the margin jumps: the line is broken there.
     """
     times, margins = [], []
     for phase, (t, X) in zip(plan.phases, _sample_phases(plan, count), strict=True):
-        asked = phase.phase.stability is not None and phase.phase.standing
-        margin = measure_support(machine, X, phase.phase.standing, plan.task.down) if asked else np.full(len(t), np.nan)
+        margin = np.full(len(t), np.nan)
+        standing, down = phase.phase.standing, plan.task.down
+        if phase.phase.stability is not None and standing:
+            margin = measure_support(machine, X, standing, down)
+            if mass_share > 0.0 and len(standing) > 2:
+                margin = measure_worst_support(machine, X, standing, mass_share, down)
         times.append(np.append(t, t[-1]))
         margins.append(np.append(margin, np.nan))
     return np.concatenate(times), np.concatenate(margins)

@@ -27,12 +27,15 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def draw_legged(plan: LeggedPlan, *, others: Mapping[str, LeggedMachine] | None = None) -> dict[str, Figure]:
+def draw_legged(
+    plan: LeggedPlan, *, others: Mapping[str, LeggedMachine] | None = None, mass_share: float | None = 0.1
+) -> dict[str, Figure]:
     """Draw the figures of a walk.
 
     Args:
         plan: The plan.
         others: Machines with other masses, whose margin is drawn beside; see `draw_support_margin`.
+        mass_share: Share by which masses may differ in the margin that is drawn dashed; none when None.
 
     Returns:
         Figures by name: "actuators", "footfalls", "filmstrip"; "margin" and "balance" where a support margin is asked.
@@ -59,7 +62,7 @@ def draw_legged(plan: LeggedPlan, *, others: Mapping[str, LeggedMachine] | None 
         "filmstrip": draw_filmstrip(plan),
     }
     if any(phase.phase.stability is not None for phase in plan.phases):
-        figures["margin"] = draw_support_margin(plan, others=others)
+        figures["margin"] = draw_support_margin(plan, others=others, mass_share=mass_share)
         figures["balance"] = draw_balance(plan)
     return figures
 

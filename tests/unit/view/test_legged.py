@@ -44,6 +44,9 @@ def test_the_margin_is_drawn_with_its_phases(plan: LeggedPlan) -> None:
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels == ["lifting right rear", "as planned", "heavy head"]
     assert axes.get_ylabel() == "support margin [mm]"
+    unsure = draw_support_margin(plan, mass_share=0.1).axes[0]
+    worst = next(line for line in unsure.lines if line.get_label() == "worst masses within ±10 %")
+    assert np.nanmin(planned - worst.get_ydata()) > 0.0
     silent = replace(plan, phases=tuple(replace(p, phase=replace(p.phase, stability=None)) for p in plan.phases))
     with pytest.raises(po.DefinitionError, match="nothing to draw"):
         draw_support_margin(silent)

@@ -13,6 +13,7 @@ from scipy.interpolate import BSpline
 
 import paraopt as po
 from paraopt.modes.legged import (
+    FrameSupport,
     LeggedCertificate,
     LeggedPlan,
     LeggedTask,
@@ -137,6 +138,23 @@ def test_a_curve_is_followed_exactly(task: LeggedTask, shift: Phase, swing: Phas
     )  # fmt: skip
     with pytest.raises(po.SolveError, match=r"'swing' \(lifting 'right rear'\)"):
         plan_legged(replace(task, phases=(replace(shift, retimer=po.TimeOptimal()), tips)))
+
+
+def test_feet_step_onto_frames_and_slopes(task: LeggedTask, shift: Phase, swing: Phase, back: Phase) -> None:
+    """A foothold 4 mm higher and leaning by 5 degrees, and gravity that leans, too."""
+    places = task.machine.contacts(task.machine.robot.home_configuration.X)[1][0]
+    frames = [po.transform(place) for place in places]
+    frames.append(po.transform(places[0] + [0.02, 0.0, 0.004], (0.0, np.radians(5.0), 0.0)))
+    up = replace(swing, goal={"right rear foot x": 0.02, "right rear foot z": 0.004})
+    uneven = replace(task, phases=(shift, up, back), support=FrameSupport(frames), gravity=(-0.05, 0.0, -1.0))
+    plan = plan_legged(uneven, retimer=po.TimeOptimal())
+    assert plan.certificate.passed
+    assert plan.certificate["standing feet off support"].value < 1e-9
+    # uphill the centre of gravity, which is above the feet, comes nearer to the rear feet
+    level = plan_legged(replace(uneven, gravity=(0.0, 0.0, -1.0)), retimer=po.TimeOptimal())
+    assert plan.certificate.smallest_margin < level.certificate.smallest_margin
+    with pytest.raises(po.InfeasibleError, match=r"'swing'.*foot 'right rear' is 3\.985 mm in 'ground'"):
+        plan_legged(replace(uneven, phases=(shift, swing, back)))
 
 
 def test_servos_with_jerk_limits_are_timed_smoothly(task: LeggedTask, shift: Phase) -> None:
