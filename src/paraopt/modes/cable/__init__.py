@@ -19,7 +19,8 @@ from paraopt.modes.cable.model import PLATFORM, CableRobot
 from paraopt.modes.cable.sag import Sag, estimate_sag
 from paraopt.modes.cable.singularity import CableState, StateOptions, report_cable_state
 from paraopt.modes.cable.statics import Feasibility, Tensions, check_feasibility, distribute
-from paraopt.modes.cable.timing import TensionLimits, WinchLimits
+from paraopt.modes.cable.sway import measure_sway
+from paraopt.modes.cable.timing import SwayLimits, TensionLimits, WinchLimits
 from paraopt.modes.cable.winch import Drum, Pulley
 from paraopt.modes.cable.workspace import CableWorkspace, map_workspace
 from paraopt.modes.cable.wrench import CableFunctions, cable_functions
@@ -42,6 +43,7 @@ __all__ = [
     "SquareConditions",
     "Stability",
     "StateOptions",
+    "SwayLimits",
     "TensionBatch",
     "TensionLimits",
     "TensionMargin",
@@ -63,6 +65,7 @@ __all__ = [
     "is_wrench_feasible",
     "judge_stability",
     "map_workspace",
+    "measure_sway",
     "name_tension",
     "read_hanging",
     "report_cable_state",

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from paraopt.errors import DefinitionError
 from paraopt.modes.cable.distribution import coordinate_places
 from paraopt.modes.cable.facets import compute_facets, facet_names, scale_moments
 from paraopt.modes.cable.model import CableRobot
 from paraopt.modes.cable.read import read_number
+from paraopt.modes.cable.sway import pulling_force, unbalanced_part
 from paraopt.modes.cable.wrench import cable_functions
 from paraopt.planning import Problem
 from paraopt.planning.path import PathPoints
@@ -31,7 +33,7 @@ class TensionLimits:
     the retimer asks; `dynamic_tensions` judges the motion between them.
 
     With fewer cables than freedoms the tensions are bounded that the wrench asks for along the directions that cables
-    feel. What they do not feel makes the platform swing about its path: drive such a robot slowly.
+    feel. What they do not feel makes the platform swing about its path, and is bounded by `SwayLimits`.
 
     Attributes:
         robot: The cable robot.
@@ -101,6 +103,68 @@ class TensionLimits:
         is_none = ~np.isfinite(c)
         c[is_none] = float(np.max(robot.t_max))
         return facet_names(robot), (a, b, c)
+
+
+@dataclass(frozen=True, eq=False)
+class SwayLimits:
+    """Bound what of the inertia of a hanging platform no tensions balance; a constraint of a retimer.
+
+    A motion through equilibria is one that the platform has at rest. Run with accelerations it asks for the wrench
+    `P (a s'' + b s'^2)`, where P projects onto what the cables do not feel: nothing makes it, and the platform swings.
+    Its size, with moments over the characteristic length, is that of `S (s'', s'^2)` with the root S of the Gram matrix
+    of `P a` and `P b`, which changes continuously along the path. The disc of allowed sizes is filled by a polygon,
+    whose sides are the rows. `measure_sway` judges the motion between the points at which the retimer asks.
+
+    Attributes:
+        robot: The cable robot, with fewer cables than freedoms.
+        share: Largest size of the unbalanced wrench, over weight and load [1].
+        sides: Number of sides of the polygon, which fills a share `cos(pi / sides)` of the radius.
+
+    Raises:
+        DefinitionError: The share is not above zero, there are fewer than four sides, or cables balance everything.
+    """
+
+    robot: CableRobot
+    share: float = 0.05
+    sides: int = 16
+
+    def __post_init__(self) -> None:
+        share = read_number(self.share, "largest unbalanced share of the weight", "1", above=0.0)
+        object.__setattr__(self, "share", share)
+        if self.sides < 4:
+            raise DefinitionError(f"number of sides is {self.sides!r}; it must be at least 4")
+        if self.robot.n_cables >= self.robot.dof:
+            raise DefinitionError(
+                f"{self.robot.name!r} has {self.robot.n_cables} cables for {self.robot.dof} freedoms: they balance "
+                "every wrench, and it does not sway; bound its tensions by `TensionLimits`"
+            )
+
+    def rows(self, problem: Problem, points: PathPoints) -> PathRows:
+        """Give the rows, over the largest size.
+
+        Args:
+            problem: The problem, whose mechanism has the robot's coordinates.
+            points: Points of the path, which runs through equilibria.
+
+        Raises:
+            DefinitionError: The mechanism lacks a coordinate.
+        """
+        places = coordinate_places(self.robot, problem.robot.mechanism)
+        poses, first, second = (v[:, places] for v in (points.X, points.dX, points.ddX))
+        inertia = cable_functions(self.robot).inertia_wrench
+        pair = np.stack([inertia(poses, np.zeros_like(first), first), inertia(poses, first, second)], axis=1)
+        pair = np.stack([unbalanced_part(self.robot, poses, pair[:, i]) for i in range(2)], axis=1)
+        gram = np.einsum("kid,kjd->kij", pair, pair)
+        # the root of a symmetric matrix of two rows, by Cayley and Hamilton
+        root = np.sqrt(np.maximum(gram[:, 0, 0] * gram[:, 1, 1] - gram[:, 0, 1] ** 2, 0.0))
+        trace = np.sqrt(gram[:, 0, 0] + gram[:, 1, 1] + 2.0 * root)
+        S = (gram + root[:, None, None] * np.eye(2)) / np.maximum(trace, 1e-300)[:, None, None]
+        angles = 2.0 * np.pi * np.arange(self.sides) / self.sides
+        # a retimer may exceed a row by a thousandth between its points
+        largest = 0.998 * self.share * pulling_force(self.robot) * np.cos(np.pi / self.sides)
+        sides = np.einsum("ic,kcj->kij", np.column_stack([np.cos(angles), np.sin(angles)]), S) / largest
+        names = tuple(f"unbalanced wrench, side {i + 1}" for i in range(self.sides))
+        return PathRows(names, sides[:, :, 0], sides[:, :, 1], np.full(sides.shape[:2], -1.0))
 
 
 @dataclass(frozen=True, eq=False)
