@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from paraopt.kinematics import Configuration, Determinants, MotionSpace
 from paraopt.planning.condition import ConditionSet, PathBound, PathCondition, read_conditions
 from paraopt.robot import Limits, Robot
 from paraopt.scene import Scene
+
+if TYPE_CHECKING:
+    from paraopt.planning.retime_base.rows import PathConstraint
 
 Array = NDArray[np.float64]
 Pose = Mapping[str, float] | Configuration
@@ -58,6 +62,8 @@ class Problem:
         held: Names of the variables that are locked at their values at the start: joints with a brake, the feet on
             which a legged machine stands. A start that is stated by values takes them from the robot's home.
         conditions: What else must hold all along: bounds on expressions, or objects that compute their own quantities.
+        dynamics: Bounds that depend on speed and acceleration too, such as those of cable tensions: retimers keep them,
+            and the certificate checks them.
 
     Raises:
         DefinitionError: A value is not finite, or a name is missing or unknown; mode changes are allowed, but there are
@@ -76,10 +82,11 @@ class Problem:
     coordinates: Sequence[str] | None = None
     held: Sequence[str] = ()
     conditions: Sequence[PathBound | PathCondition] = ()
+    dynamics: Sequence[PathConstraint] = ()
 
     def __post_init__(self) -> None:
         mechanism = self.robot.mechanism
-        for name in ("coordinates", "held", "conditions"):
+        for name in ("coordinates", "held", "conditions", "dynamics"):
             value = getattr(self, name)
             if isinstance(value, str) or not (value is None or isinstance(value, Sequence)):
                 raise DefinitionError(f"{name} of the problem are {value!r}; they must be a sequence")

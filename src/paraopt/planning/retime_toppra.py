@@ -98,7 +98,7 @@ class TimeOptimal:
 
         How good they are is measured in the middle of every interval, where they are worst.
         """
-        if grid.platform is None and not self.constraints:
+        if grid.platform is None and not grid.stated.count:
             middles = 0.5 * (grid.s[1:] + grid.s[:-1])
             exact, near = limit_path(problem, path, middles), grid.between(middles)
             speed = np.append(law.coefficients[1], 0.0)

@@ -12,6 +12,7 @@ from paraopt.errors import CertificateError, DefinitionError
 from paraopt.kinematics import Configuration
 from paraopt.kinematics import Margins as SingularityMargins
 from paraopt.planning.differences import measure_disagreement
+from paraopt.planning.path import PathPoints
 from paraopt.planning.problem import Problem
 from paraopt.planning.trajectory import Motion, Trajectory
 
@@ -186,6 +187,7 @@ def verify(
     _check_limit(ledger, problem, "acceleration", A, [V, X], tolerances.excess)
     _check_platform(ledger, problem, X, V, tolerances.excess)
     _check_derivatives(ledger, problem, trajectory, X, V, A, tolerances)
+    _check_dynamics(ledger, problem, t, X, V, A, tolerances.excess)
     if check_jerk:
         _check_limit(ledger, problem, "jerk", None, [A, V, X], tolerances.excess)
     _check_held(ledger, problem, X)
@@ -371,6 +373,28 @@ def _check_platform(ledger: _Ledger, problem: Problem, X: Array, V: Array, exces
             if np.isfinite(bound):
                 share = np.linalg.norm(values, axis=1) / bound
                 ledger.largest(f"{kind} {quantity}", share, 1.0 + excess, "1", ["platform / limit"])
+
+
+def _check_dynamics(ledger: _Ledger, problem: Problem, t: Array, X: Array, V: Array, A: Array, excess: float) -> None:
+    """Check bounds on speed and acceleration that the problem states: time itself is the parameter of the path.
+
+    With `s = t` the speed of the parameter is one and its acceleration zero. The stated derivatives are used; that they
+    belong to the positions is checked elsewhere.
+    """
+    if not problem.dynamics:
+        return
+    finite = np.all(np.isfinite(X) & np.isfinite(V) & np.isfinite(A), axis=1)
+    safe = np.where(finite[:, None], X, problem.start_configuration.X)
+    V, A = (np.where(finite[:, None], values, 0.0) for values in (V, A))
+    points = PathPoints(t, safe, V, A, problem.space.tangent(safe))
+    for constraint in problem.dynamics:
+        rows = constraint.rows(problem, points)
+        if not rows.count:
+            continue
+        asked = np.where(finite[:, None], rows(np.ones(len(t)), np.zeros(len(t))), np.nan)
+        at_rest = np.max(np.abs(rows.c), axis=0, initial=0.0)
+        share = asked / np.where(at_rest > 0.0, at_rest, 1.0)
+        ledger.largest(f"dynamics, {type(constraint).__name__}", share, excess, "1", rows.names)
 
 
 def _check_derivatives(

@@ -122,7 +122,15 @@ def test_nothing_of_the_makers_is_used() -> None:
     nodes = [node for source in sources for node in ast.walk(ast.parse(source))]
     imported = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
     own = {name for name in imported if name.startswith("paraopt")}
-    shared = {"errors", "kinematics", "scene", "planning.problem", "planning.trajectory", "planning.differences"}
+    shared = {
+        "errors",
+        "kinematics",
+        "scene",
+        "planning.problem",
+        "planning.trajectory",
+        "planning.path",
+        "planning.differences",
+    }
     assert own <= {f"paraopt.{name}" for name in shared}
 
 

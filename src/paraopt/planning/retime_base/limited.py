@@ -88,7 +88,7 @@ def limit_path(problem: Problem, path: Path, s: Array, constraints: Sequence[Pat
         problem: The problem, with its limits.
         path: The path.
         s: Parameters in [0, 1], shape (n,).
-        constraints: Further bounds.
+        constraints: Bounds beyond the limits and the dynamics of the problem.
 
     Raises:
         DefinitionError: An actuator has no velocity or acceleration limit.
@@ -111,11 +111,12 @@ def limit_path(problem: Problem, path: Path, s: Array, constraints: Sequence[Pat
     if not np.max(np.abs(dq) / scale) > 1e-12:
         raise RetimeError("the actuators do not move along the path: a path of zero length cannot be timed", path=path)
     bounds = limits.platform()
+    stated = [constraint.rows(problem, points) for constraint in (*problem.dynamics, *constraints)]
     return LimitedPath(
         names, points.s, points.X[:, index], dq, ddq,
         limits.of("velocity", names), limits.of("acceleration", names), limits.of("jerk", names),
         PlatformMotion.along(problem.robot, points, bounds) if np.any(np.isfinite(bounds)) else None,
-        PathRows.join([PathRows.none(len(points.s)), *[c.rows(problem, points) for c in constraints]]),
+        PathRows.join([PathRows.none(len(points.s)), *stated]),
     )  # fmt: skip
 
 
