@@ -236,3 +236,31 @@ def test_arguments_are_checked() -> None:
         TensionMargin(robot, mechanism=planar().mechanism)
     with pytest.raises(DefinitionError, match="tension margin"):
         TensionLimits(robot, margin=np.nan)
+
+
+@pytest.mark.slow
+def test_random_plans_have_tensions_within_limits_at_every_time() -> None:
+    """Random ends with margin and a random obstacle, with and without limits of jerk."""
+    robot = ipanema(t_min=10.0, velocity=3.0, acceleration=40.0, jerk=2000.0)
+    random = np.random.default_rng(43)
+    poses = draw_poses(robot, 4000, seed=44, turn=0.1)
+    poses = poses[capacity_margins(robot, poses) > 15.0]
+    rows = (TensionLimits(robot),)
+    retimers = (po.TimeOptimal(constraints=rows), po.JerkLimited(constraints=rows))
+    planned = 0
+    for i in range(12):
+        start, goal = (dict(zip(robot.coordinates, p.tolist(), strict=True)) for p in random.choice(poses, 2))
+        pose = po.transform(random.uniform([-1.5, -1.0, 0.2], [1.5, 1.0, 1.8]))
+        scene = po.Scene(robot.robot, [po.Sphere(radius=float(random.uniform(0.05, 0.2)), pose=pose)])
+        problem = po.Problem(
+            scene, start, goal, po.Margins(0.002, 0.02), conditions=(TensionMargin(robot, margin=10.0),)
+        )
+        try:
+            plan = po.plan(problem, retimer=retimers[i % 2])
+        except (InfeasibleError, po.SolveError):  # an obstacle in the way, or no path that was found
+            continue
+        planned += 1
+        tensions = dynamic_tensions(robot, plan.trajectory, count=4001).check()
+        assert np.min(capacity_margins(robot, tensions.poses)) >= 10.0 - 1e-3
+        assert np.min(tensions.margins) >= 0.0
+    assert planned >= 8
