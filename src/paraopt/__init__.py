@@ -1,6 +1,6 @@
 """paraopt: certified trajectories for robots whose links form closed loops."""
 
-from paraopt import robots, view
+from paraopt import io, robots, view
 from paraopt.closure import Gauge
 from paraopt.errors import (
     BackendError,
@@ -16,7 +16,7 @@ from paraopt.errors import (
     SolveError,
     UnknownNameError,
 )
-from paraopt.io import load_mechanism, load_obstacles, load_robot, save_mechanism, save_robot
+from paraopt.io import load_caspr, load_mechanism, load_obstacles, load_robot, save_mechanism, save_robot
 from paraopt.kinematics import (
     AssemblyModes,
     AssemblyOptions,
@@ -61,7 +61,9 @@ from paraopt.mechanism import (
     ClosingSpherical,
     ClosingUniversal,
     Coincidence,
+    Coupling,
     Cylindrical,
+    Equilibrium,
     Fixed,
     LineContact,
     Mechanism,
@@ -76,9 +78,11 @@ from paraopt.mechanism import (
     Revolute,
     Series,
     Spherical,
+    Tension,
     Universal,
     Weld,
 )
+from paraopt.modes import cable, legged
 from paraopt.pipeline import Plan, plan
 from paraopt.planning import (
     Certificate,
@@ -91,6 +95,8 @@ from paraopt.planning import (
     Objective,
     Path,
     PathBound,
+    PathCondition,
+    PathConstraint,
     Problem,
     Roadmap,
     RowConstraint,
@@ -156,10 +162,12 @@ __all__ = [
     "Cone",
     "Configuration",
     "ConvexPolyhedron",
+    "Coupling",
     "Cylinder",
     "Cylindrical",
     "DecomposeOptions",
     "DefinitionError",
+    "Equilibrium",
     "FirstSuccess",
     "Fixed",
     "FollowOptions",
@@ -191,6 +199,8 @@ __all__ = [
     "ParaoptError",
     "Path",
     "PathBound",
+    "PathCondition",
+    "PathConstraint",
     "PerpendicularAxes",
     "Plan",
     "PlanarContact",
@@ -219,6 +229,7 @@ __all__ = [
     "StateReport",
     "Status",
     "StopReason",
+    "Tension",
     "TimeOptimal",
     "Tolerances",
     "ToolPath",
@@ -236,11 +247,15 @@ __all__ = [
     "WorkingModeOptions",
     "WorkingModes",
     "build_nlp",
+    "cable",
     "condition_numbers",
     "decompose_mesh",
     "eliminate_passives",
     "find_isotropic",
     "follow",
+    "io",
+    "legged",
+    "load_caspr",
     "load_mechanism",
     "load_mesh",
     "load_obstacles",
