@@ -1,7 +1,8 @@
 """Measure speed, side by side in one run, on one core: `make bench`.
 
 python benchmarks/run.py                       # everything, a few minutes
-python benchmarks/run.py --only evaluations    # or peers, forward, stages, refine, retime, clearance, stacked, cables, seeds
+python benchmarks/run.py --only evaluations    # or peers, forward, stages, refine, retime, clearance, stacked, cables,
+                                               # seeds
 python benchmarks/run.py --cold                # also the first compilation, into an empty cache
 python benchmarks/run.py --json bench.json
 """
