@@ -67,7 +67,11 @@ def solve_interior(
 
 
 def build_program(
-    name: str, problem: Mapping[str, ca.MX], iterations: int = 500, tolerance: float = 1e-8
+    name: str,
+    problem: Mapping[str, ca.MX],
+    iterations: int = 500,
+    tolerance: float = 1e-8,
+    derivatives: Mapping[str, ca.Function] | None = None,
 ) -> ca.Function:
     """Build a nonlinear program from expressions, to be run for many numbers.
 
@@ -76,6 +80,8 @@ def build_program(
         problem: CasADi's "x", "p", "f" and "g".
         iterations: Bound on IPOPT's iterations.
         tolerance: Its convergence tolerance [1].
+        derivatives: CasADi's options "grad_f", "jac_g" and "hess_lag", where they are known; else they are made from
+            the problem, written out in scalars.
 
     Returns:
         What `run_program` runs.
@@ -90,7 +96,8 @@ def build_program(
         "ipopt.constr_viol_tol": tolerance,
         "ipopt.max_iter": iterations,
         "error_on_fail": False,
-        "expand": True,  # scalar expressions evaluate several times faster than calls of mapped functions
+        # scalar expressions evaluate several times faster than calls of mapped functions
+        **(dict(derivatives) if derivatives is not None else {"expand": True}),
     }
     return ca.nlpsol(name, "ipopt", dict(problem), options)
 
@@ -121,9 +128,7 @@ def run_program(
         BackendError: IPOPT failed in an unexpected way.
     """
     try:
-        answer = program(
-            x0=np.clip(start, *box), p=parameters, lbx=box[0], ubx=box[1], lbg=bounds[0], ubg=bounds[1]
-        )
+        answer = program(x0=np.clip(start, *box), p=parameters, lbx=box[0], ubx=box[1], lbg=bounds[0], ubg=bounds[1])
     except RuntimeError as error:
         raise BackendError(f"IPOPT failed on {what}: {error}", start=start) from error
     stats = program.stats()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.kinematics.interior import build_program, run_program
+from paraopt.modes.legged.gait_mapped import MappedRows, build_derivatives
 from paraopt.modes.legged.gait_model import GaitModel
 from paraopt.modes.legged.gait_options import COORDINATES, GaitOptions
 from paraopt.modes.legged.gait_steps import Footfalls
@@ -148,35 +150,57 @@ class GaitProgram:
     # -- the program ---------------------------------------------------------------------------------------------------
 
     def _build(self) -> ca.Function:
+        K, N, nq, n = self.shape.n_phases, self.shape.samples, self.n_joints, self.n_feet
+        free, count = self.spread.shape[1], K * N
+        sizes = self._z_split = [6 * free, nq * count, 1, 1, K]
+        z = ca.MX.sym("z", sum(sizes))
+        p = ca.MX.sym("p", sum(rows * columns for rows, columns in self._parameters().values()))
+        given = self._read(p)
+        # quantities of a sample: the trunk's pose, the joints, the places of the feet
+        width = 6 + nq + 3 * n
+        poses = np.kron(np.eye(K), self.basis) @ self.spread  # of the control points' deviations, at the samples
+        fixed = np.zeros((count, width, sum(sizes)))
+        for i, unit in enumerate(np.where(np.arange(6) < 3, self.unit, 1.0)):
+            fixed[:, i, i * free : (i + 1) * free] = unit * poses
+        at = 6 * free + np.arange(count)[:, None] * nq + np.arange(nq)
+        fixed[np.arange(count)[:, None], 6 + np.arange(nq), at] = 1.0
+        scaled = ca.vec(ca.vertcat(given["pose 1"], ca.MX(nq, count), given["place 1"]))
+        before, after = sum(sizes[:3]), K
+        P = ca.MX(ca.sparsify(ca.DM(fixed.reshape(-1, sum(sizes))))) + ca.horzcat(
+            ca.MX(width * count, before), scaled, ca.MX(width * count, after)
+        )
+        c = ca.vec(ca.vertcat(given["pose 0"], ca.MX.zeros(nq, count), given["place 0"]))
+        data = [given["tails"], given["heads"], ca.repmat(given["axes"], 1, count)]
+        margin = np.zeros((count, 5 * n, sum(sizes)))
+        margin[:, 3 * n : 4 * n, before - 1] = -1.0  # distances less the margin
+        slack = ca.sparsify(ca.DM(margin.reshape(-1, sum(sizes))))
+        mapped = MappedRows(self._sample(), count)
+        problem, derivatives = build_derivatives(mapped, P, c, data, slack, self._rest(), z, p)
+        return build_program("gait", problem, self.options.iterations, self.options.tolerance, derivatives)
+
+    def _read(self, p: ca.MX | ca.SX) -> dict[str, Any]:
+        """Split the parameters by name."""
+        found, at = {}, 0
+        for name, (rows, columns) in self._parameters().items():
+            found[name] = ca.reshape(p[at : at + rows * columns], rows, columns)
+            at += rows * columns
+        return found
+
+    def _rest(self) -> ca.Function:
+        """Map unknowns and parameters to the objective and to the rows of drives and pace."""
         K, N, nq = self.shape.n_phases, self.shape.samples, self.n_joints
-        free = self.spread.shape[1]
-        d = ca.MX.sym("d", free, 6)
-        q = ca.MX.sym("q", nq, K * N)
-        t, scale, T = ca.MX.sym("t"), ca.MX.sym("scale"), ca.MX.sym("T", K)
-        p = {name: ca.MX.sym(name, *size) for name, size in self._parameters().items()}
-        unit = ca.DM(np.where(np.arange(6) < 3, self.unit, 1.0))
-        moved = ca.sparsify(ca.DM(np.kron(np.eye(K), self.basis) @ self.spread)) @ d  # deviation at the samples
-        poses = p["pose 0"] + scale * p["pose 1"] + (moved @ ca.diag(unit)).T
-        places = p["place 0"] + scale * p["place 1"]
-        sample = self._sample().map(K * N)
-        axes = ca.repmat(p["axes"], 1, K * N)
-        gaps, distances, regularity = sample(poses, q, places, p["tails"], p["heads"], axes)
-        constraints = [ca.vec(gaps), ca.vec(distances - t), ca.vec(regularity)]
-        if self.shape.is_timed:
-            constraints.append(self._drives(q, T))
-            pace = ca.dot(p["repeat"], T) / scale
-            constraints.append(pace)
-        else:
-            pace = ca.MX(0)
+        z = ca.SX.sym("z", sum(self._z_split))
+        p = ca.SX.sym("p", sum(rows * columns for rows, columns in self._parameters().values()))
+        d, q, t, scale, T = ca.vertsplit(z, [0, *np.cumsum(self._z_split).tolist()])
+        d, q, given = ca.reshape(d, -1, 6), ca.reshape(q, nq, K * N), self._read(p)
+        pace = ca.dot(given["repeat"], T) / scale if self.shape.is_timed else ca.SX(0)
+        rows = ca.vertcat(self._drives(q, T), pace) if self.shape.is_timed else ca.SX(0, 1)
         # the ways between control points, and how far they are from where they would be nominally
         differences = np.kron(np.eye(K), np.diff(np.eye(CONTROL), axis=0)) @ self.spread
-        motion = ca.sumsqr(ca.DM(differences) @ d) + 1e-2 * ca.sumsqr(ca.DM(self.spread) @ d)
-        w = p["weights"]
-        f = -w[0] * t + w[1] * pace + w[2] * motion / K
-        z = ca.vertcat(ca.vec(d), ca.vec(q), t, scale, T)
-        problem = {"x": z, "p": ca.vertcat(*[ca.vec(v) for v in p.values()]), "f": f, "g": ca.vertcat(*constraints)}
-        self._z_split = [6 * free, nq * K * N, 1, 1, K]
-        return build_program("gait", problem, self.options.iterations, self.options.tolerance)
+        motion = ca.sumsqr(ca.sparsify(ca.DM(differences)) @ d)
+        motion += 1e-2 * ca.sumsqr(ca.sparsify(ca.DM(self.spread)) @ d)
+        w = given["weights"]
+        return ca.Function("rest", [z, p], [-w[0] * t + w[1] * pace + w[2] * motion / K, rows])
 
     def _parameters(self) -> dict[str, tuple[int, int]]:
         K, N, n = self.shape.n_phases, self.shape.samples, self.n_feet
@@ -186,10 +210,11 @@ class GaitProgram:
         }  # fmt: skip
 
     def _sample(self) -> ca.Function:
-        """Map one sample to the gaps at the feet and the distances from the edges, both in units of the program."""
-        n = self.n_feet
-        p, q = ca.SX.sym("p", 6), ca.SX.sym("q", self.n_joints)
-        places, tails, heads = (ca.SX.sym(name, size) for name, size in (("f", 3 * n), ("a", n * n), ("b", n * n)))
+        """Map one sample to gaps at the feet and distances from edges, in units of the program, and to regularity."""
+        n, nq = self.n_feet, self.n_joints
+        u = ca.SX.sym("u", 6 + nq + 3 * n)
+        p, q, places = ca.vertsplit(u, [0, 6, 6 + nq, 6 + nq + 3 * n])
+        tails, heads = ca.SX.sym("tails", n * n), ca.SX.sym("heads", n * n)
         axes = ca.SX.sym("axes", 6)
         feet, centre, regularity = self.model.stance(p, q)
         wanted = ca.reshape(places, 3, n).T
@@ -200,9 +225,10 @@ class GaitProgram:
         cross = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
         distances = cross / ca.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2) / self.unit
         gaps = ca.vec((feet - wanted).T) / self.unit
-        return ca.Function("sample", [p, q, places, tails, heads, axes], [gaps, distances, regularity], {"cse": True})
+        rows = ca.densify(ca.vertcat(gaps, distances, regularity))
+        return ca.Function("sample", [u, tails, heads, axes], [rows], {"cse": True})
 
-    def _drives(self, q: ca.MX, T: ca.MX) -> ca.MX:
+    def _drives(self, q: ca.SX, T: ca.SX) -> ca.SX:
         """Bound differences of the joints between samples by what the drives can do in the time of a phase."""
         limits, h, N = self.model.machine.robot.limits, float(self.tau[1]), self.shape.samples
         rows = []
@@ -303,12 +329,12 @@ class GaitProgram:
             d = np.linalg.lstsq(self.spread, deviation / np.where(np.arange(6) < 3, self.unit, 1.0), rcond=None)[0]
             times = self.estimate_times(guess.joints)
             begin = np.concatenate([d.T.ravel(), guess.joints.ravel(), [guess.margin / self.unit, guess.scale], times])
-        n_gap, n_edge = 3 * self.n_feet * K * N, self.n_feet * K * N
-        n_leg = self.n_feet * K * N
-        lower = [np.zeros(n_gap + n_edge), np.full(n_leg, options.regularity)]
-        upper = [np.zeros(n_gap), np.full(n_edge + n_leg, np.inf)]
+        # by sample: the feet in their places, the edges, the legs
+        n, endless = self.n_feet, np.full(2 * self.n_feet, np.inf)
+        lower = [np.tile(np.concatenate([np.zeros(4 * n), np.full(n, options.regularity)]), K * N)]
+        upper = [np.tile(np.concatenate([np.zeros(3 * n), endless]), K * N)]
         if self.shape.is_timed:
-            n_drive = int(self._solver.size1_in("lbg")) - n_gap - n_edge - n_leg - 1
+            n_drive = int(self._solver.size1_in("lbg")) - 5 * n * K * N - 1
             lower += [np.zeros(n_drive), np.zeros(1)]
             upper += [np.full(n_drive, np.inf), np.array([slowest])]
         bounds = np.concatenate(lower), np.concatenate(upper)

@@ -243,8 +243,12 @@ def plan_turn(
         R = _rotation(normal, angle * (done + 1) / rounds)
         targets = np.array([_place_on(support, about + R @ (p - about), p) for p in rest])
         distances = np.linalg.norm(targets - places, axis=1)
-        # distances of mirrored feet differ by rounding only: those listed first come first
-        for i, k in enumerate(sorted(range(count), key=lambda k: (round(float(distances[k]), 9), k))):
+        # mirrored feet are as near but for rounding; of these the one on the outside of the turn comes first, so that
+        # turns to either side are mirrored too
+        across = _rotation(normal, 0.5 * math.pi) @ _along(support, about, float(model.rest_pose[5]))
+        outside = math.copysign(1.0, angle) * ((rest - about) @ across)
+        nearest = sorted(range(count), key=lambda k: (round(float(distances[k]), 9), round(float(outside[k]), 9), k))
+        for i, k in enumerate(nearest):
             share = angle * (done + (i + 1) / count) / rounds
             pose = _turn_pose(model.rest_pose, about, _rotation(normal, share), share)
             lifts.append(Lift(model.machine.names[k], tuple(targets[k].tolist()), tuple(pose.tolist()), "turn"))
