@@ -136,7 +136,8 @@ class MotionSpace:
     singular value of its active rows V_a is zero exactly where [N K] loses rank: some motion needs no actuator. It
     lies in [0, 1], does not depend on how the equations are written, and says that actuator motions are amplified into
     motions of the whole at most 1 / margin times. The operational rows V_x tell serial singularities alike. With as
-    many actuators as motions, |det V_a| is the normalised determinant of [N K].
+    many actuators as motions, |det V_a| is the normalised determinant of [N K]. Forces among the variables count in
+    their force of reference, so that a margin shrinks, too, where small motions of the actuators change tensions much.
 
     Args:
         kinematics: The mechanism's functions.
@@ -207,8 +208,8 @@ class MotionSpace:
     def _is_lost(self, X: Array, T: Array) -> NDArray[np.bool_]:
         """Tell where the coordinates cannot be moved one by one, exactly: there T opens the loops.
 
-        Near a singularity of theirs T grows without bound, and the margins see it. On one, as in many a pose of symmetry,
-        no such motion exists, and the damped solve gives one that the closures do not allow.
+        Near a singularity of theirs T grows without bound, and the margins see it. On one, as in many a pose of
+        symmetry, no such motion exists, and the damped solve gives one that the closures do not allow.
         """
         (E,) = self.kinematics.functions.scaled_jacobian.batch(X)
         S = T / self.kinematics.graph.variable_scale[:, None]
