@@ -32,7 +32,7 @@ _programs: weakref.WeakKeyDictionary[GaitModel, dict[tuple[ProgramShape, GaitOpt
 
 
 @dataclass(frozen=True)
-class Aim:
+class GaitAim:
     """State what a gait is found for.
 
     Attributes:
@@ -69,7 +69,7 @@ class Aim:
 
 
 def find_gait(
-    falls: Footfalls, options: GaitOptions | None = None, gravity: ArrayLike = DOWN, aim: Aim | None = None
+    falls: Footfalls, options: GaitOptions | None = None, gravity: ArrayLike = DOWN, aim: GaitAim | None = None
 ) -> Gait:
     """Find the trunk's way for given footfalls.
 
@@ -92,7 +92,7 @@ def find_gait(
 
     Source: McGheeFrank1968; HettichKortanek1993, discretisation.
     """
-    options, aim = options or GaitOptions(), aim or Aim()
+    options, aim = options or GaitOptions(), aim or GaitAim()
     down = np.array(finite_vector(gravity, 3, "direction of gravity"))
     if not np.any(down):
         raise DefinitionError("direction of gravity is zero; it must be a direction")
@@ -165,7 +165,7 @@ def list_orders(names: Sequence[str], cyclic: bool = True) -> tuple[tuple[str, .
     return tuple(itertools.permutations(names))
 
 
-def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: Aim, samples: int) -> Gait:
+def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: GaitAim, samples: int) -> Gait:
     """Solve the programs at some number of samples."""
     axes = level_axes(down)
     table = PhaseTable.of(falls, down, options.swing_moves)
@@ -189,8 +189,8 @@ def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: Aim, sample
 
 
 def _ask_for_more(
-    gait: Gait, looked: Sequence[PhaseSamples], aim: Aim, wanted: Aim, options: GaitOptions
-) -> Aim | None:
+    gait: Gait, looked: Sequence[PhaseSamples], aim: GaitAim, wanted: GaitAim, options: GaitOptions
+) -> GaitAim | None:
     """Say what to ask of the program so that the aim holds between its samples too; None where it does.
 
     The same aim as before asks for more samples.
@@ -208,7 +208,13 @@ def _ask_for_more(
 
 
 def _solve_timed(
-    falls: Footfalls, options: GaitOptions, table: PhaseTable, axes: Array, aim: Aim, shape: ProgramShape, best: Answer
+    falls: Footfalls,
+    options: GaitOptions,
+    table: PhaseTable,
+    axes: Array,
+    aim: GaitAim,
+    shape: ProgramShape,
+    best: Answer,
 ) -> Answer:
     """Find way, times and, where allowed, the length of the steps; shifts that take no time are left out then."""
     if aim.best == "speed" and best.margin < aim.margin + options.dip:

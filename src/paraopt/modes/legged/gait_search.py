@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from paraopt.errors import DefinitionError, InfeasibleError
-from paraopt.modes.legged.balance import level_axes
-from paraopt.modes.legged.gait import DOWN, Aim, find_gait, list_orders
+from paraopt.errors import InfeasibleError
+from paraopt.modes.legged.balance import measure_worst_support
+from paraopt.modes.legged.gait import DOWN, GaitAim, find_gait, list_orders
 from paraopt.modes.legged.gait_model import GaitModel
 from paraopt.modes.legged.gait_motion import Gait
 from paraopt.modes.legged.gait_options import GaitOptions
-from paraopt.modes.legged.gait_steps import plan_walk
+from paraopt.modes.legged.gait_steps import build_walk
 from paraopt.modes.legged.supports import Support
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +47,7 @@ def compare_orders(
     ends: bool = False,
     options: GaitOptions | None = None,
     gravity: ArrayLike = DOWN,
-    aim: Aim | None = None,
+    aim: GaitAim | None = None,
 ) -> tuple[GaitChoice, ...]:
     """Find the best gait of every order of the feet.
 
@@ -68,11 +66,11 @@ def compare_orders(
     Returns:
         A choice for each order, best first: by margin or by speed, as the aim says.
     """
-    aim = aim or Aim()
+    aim = aim or GaitAim()
     orders = list_orders(model.machine.names, cyclic=not ends) if orders is None else orders
     found: list[GaitChoice] = []
     for order in orders:
-        falls = plan_walk(model, support, order, step, lift, heading, ends)
+        falls = build_walk(model, support, order, step, lift, heading, ends)
         try:
             gait = find_gait(falls, options, gravity, aim)
         except InfeasibleError as error:
@@ -87,10 +85,6 @@ def compare_orders(
 def measure_mass_margin(gait: Gait, spread: float = 0.1, count: int = 81) -> float:
     """Give the smallest support margin when every mass may be wrong by a share, each for itself.
 
-    Over an edge the distance of the centre of gravity is `sum m_i d_i / sum m_i`, d_i being that of link i. Its least
-    value over a box of masses has the links below it as heavy as they can be and those above it as light: with the
-    links sorted by d_i it is the least over where the sorted list is cut, so that the worst case is exact.
-
     Args:
         gait: The gait.
         spread: Largest share by which a mass is wrong [1].
@@ -102,28 +96,7 @@ def measure_mass_margin(gait: Gait, spread: float = 0.1, count: int = 81) -> flo
     Raises:
         DefinitionError: The share is not in [0, 1).
     """
-    if not 0.0 <= spread < 1.0:
-        raise DefinitionError(f"share by which masses are wrong is {spread}; it must be in [0, 1)")
-    machine = gait.model.machine
-    masses, centres = dict(machine.masses or {}), dict(machine.centres or {})
-    names = [link.name for link in machine.robot.mechanism.links]
-    index = [names.index(link) for link in masses]
-    points = np.array([[*centres.get(link, (0.0, 0.0, 0.0)), 1.0] for link in masses])
-    m = np.array(list(masses.values()))
-    axes = level_axes(gait.gravity)
-    least = np.inf
-    for phase, looked in zip(gait.phases, gait.sample(count), strict=True):
-        polygon = gait.polygon(phase)
-        poses = machine.robot.kinematics.functions.poses.batch(looked.X)[0].reshape(len(looked.X), -1, 3, 4)[:, index]
-        p = np.einsum("nlij,lj->nli", poses, points)
-        corners = polygon.points @ axes.T
-        steps = np.roll(corners, -1, axis=0) - corners
-        normals = np.column_stack([-steps[:, 1], steps[:, 0]]) / np.linalg.norm(steps, axis=1)[:, None]
-        d = (p @ axes.T) @ normals.T - np.sum(normals * corners, axis=1)  # (n, links, edges)
-        order = np.argsort(d, axis=1)
-        d, mass = np.take_along_axis(d, order, axis=1), m[order]
-        heavy, light = (1.0 + spread) * mass, (1.0 - spread) * mass
-        moment = np.cumsum(heavy * d, axis=1) + np.sum(light * d, axis=1, keepdims=True) - np.cumsum(light * d, axis=1)
-        total = np.cumsum(heavy, axis=1) + np.sum(light, axis=1, keepdims=True) - np.cumsum(light, axis=1)
-        least = min(least, float(np.min(moment / total)))
-    return least
+    return min(
+        float(np.min(measure_worst_support(gait.model.machine, looked.X, gait.standing(phase), spread, gait.gravity)))
+        for phase, looked in zip(gait.phases, gait.sample(count), strict=True)
+    )

@@ -140,7 +140,7 @@ class Footfalls:
         return replace(self, places=places, pose=np.array(of_pose(self.pose)), lifts=lifts)
 
 
-def plan_walk(
+def build_walk(
     model: GaitModel,
     support: Support,
     order: Sequence[str] | None = None,
@@ -149,7 +149,7 @@ def plan_walk(
     heading: float = 0.0,
     ends: bool = True,
 ) -> Footfalls:
-    """List the lifts of a walk: a start, one cycle that may be repeated, and an end that is the rest stance again.
+    """Build the lifts of a walk: a start, one cycle that may be repeated, and an end that is the rest stance again.
 
     In the start the first half of the feet take half a step; the cycle goes on with the other half, whole steps all;
     in the end that other half takes half a step. The trunk's nominal way is as long as that of the feet: a share of
@@ -202,7 +202,7 @@ def plan_walk(
     return Footfalls(model, support, *begin, tuple(lifts), lift, isinstance(support, PlaneSupport), not ends)
 
 
-def plan_turn(
+def build_turn(
     model: GaitModel,
     support: Support,
     angle: float = math.radians(15),
@@ -210,7 +210,7 @@ def plan_turn(
     pivot: Sequence[float] | None = None,
     largest: float = math.radians(20),
 ) -> Footfalls:
-    """List the lifts of a turn in place, nearest feet first.
+    """Build the lifts of a turn in place, nearest feet first.
 
     The new footholds are those of the rest stance, turned with the trunk about the support's normal. A turn that is
     larger than one round of lifts allows is made in equal rounds.

@@ -14,7 +14,7 @@ from paraopt.robot import Limits
 from paraopt.scene import Scene
 
 
-def build_task(
+def build_gait_task(
     gait: Gait,
     support: Support,
     stability: float = 0.0,
