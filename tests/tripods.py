@@ -8,7 +8,6 @@ import numpy as np
 
 import paraopt as po
 from paraopt.modes.legged.tripod import LockPose, Swing, TripodGeometry, WalkingTripod, find_lock_pose, move_frames
-from paraopt.robots.tripod import SOLE
 
 Array = np.ndarray
 GEOMETRY = TripodGeometry()
@@ -19,8 +18,7 @@ TILTED = np.array([0.0, 0.0, 0.32, 0.0, 0.3, 0.0])  # the source's manner: 0.3 r
 @functools.cache
 def walker() -> WalkingTripod:
     """Give the tripod with free feet on a plate that is large enough to walk on."""
-    plate = po.Cylinder(radius=1.0, length=0.02, pose=po.transform((0, 0, -SOLE - 0.01)), name="ground")
-    return WalkingTripod(GEOMETRY, po.Scene(po.robots.tripod(free_feet=True, ground=[plate])), (0, 0, -SOLE))
+    return po.robots.walking_tripod(GEOMETRY)
 
 
 def checked_swing() -> Swing:

@@ -22,9 +22,10 @@ from paraopt.mechanism import (
     Series,
     Weld,
 )
-from paraopt.modes.legged.tripod import LEGS, POSE, TripodGeometry
+from paraopt.modes.legged.tripod import LEGS, POSE, TripodGeometry, WalkingTripod
 from paraopt.robot import Robot
 from paraopt.robots.base import drive_limits
+from paraopt.scene import Scene
 from paraopt.shapes import Capsule, Cylinder, Shape
 from paraopt.spatial import transform
 
@@ -135,6 +136,35 @@ def tripod(
             "rank E": 30, "rank M": 6, "rank N": 24, "rank K": 18 if free_feet else 6, "idle": 0,
         },
     )  # fmt: skip
+
+
+def walking_tripod(
+    geometry: TripodGeometry | None = None,
+    obstacles: Sequence[Shape] = (),
+    ground: Sequence[Shape] | None = None,
+    velocity: float = 0.2,
+    acceleration: float = 1.0,
+    jerk: float = 20.0,
+) -> WalkingTripod:
+    """Build the tripod with free feet in its scene, ready to walk and to machine.
+
+    Args:
+        geometry: Dimensions, strokes and ranges of joints; those of `TripodGeometry()` when None.
+        obstacles: What stands around, in the world.
+        ground: Solids of what it stands on; a plate of a metre around home when None.
+        velocity: Largest speed of an actuator [m/s].
+        acceleration: Largest acceleration of an actuator [m/s^2].
+        jerk: Largest jerk of an actuator [m/s^3].
+
+    Returns:
+        The machine; the soles of its feet are `SOLE` below their frames.
+
+    Source: Tripod.
+    """
+    geometry = geometry or TripodGeometry()
+    plate = [_plate(geometry.foot_radius + 1.0)] if ground is None else ground
+    robot = tripod(geometry, True, plate, velocity, acceleration, jerk)
+    return WalkingTripod(geometry, Scene(robot, obstacles), (0.0, 0.0, -SOLE))
 
 
 def _plate(radius: float) -> Shape:

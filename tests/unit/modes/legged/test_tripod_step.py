@@ -21,6 +21,7 @@ from paraopt.modes.legged.tripod import (
     check_machining,
     follow_tool,
     foot_names,
+    lean_round,
     lock_names,
     tripod_step,
 )
@@ -36,13 +37,7 @@ FLAT = PlaneSupport((0.0, 0.0, -SOLE))
 
 def work(x: float = 0.0, height: float = 0.2) -> BSpline:
     """Give the way of the platform whose tool runs round a circle of 30 mm, leaning towards all sides by 0.12 rad."""
-
-    def tip(s: Array) -> Array:
-        a, zero = 2 * np.pi * s, np.zeros_like(s)
-        where = [x + 0.03 * np.cos(a), 0.03 * np.sin(a), height + zero]
-        return np.column_stack([*where, 0.12 * np.sin(a), 0.12 * np.cos(a), zero])
-
-    return follow_tool(tip, (0, 0, -TOOL))
+    return follow_tool(lean_round(0.03, 0.12, height, (x, 0, 0)), (0, 0, -TOOL))
 
 
 # --- Steps

@@ -19,11 +19,11 @@ from paraopt.modes.legged.tripod.locks import (
     report_locks,
     smallest_of_columns,
 )
-from paraopt.modes.legged.tripod.machining import check_machining, follow_tool
+from paraopt.modes.legged.tripod.machining import check_machining, follow_tool, lean_round
 from paraopt.modes.legged.tripod.scenario import build_scenario, build_step_task, machine_curve
 from paraopt.modes.legged.tripod.step import LegStep, TripodStep, tripod_step
 from paraopt.modes.legged.tripod.swing import Swing, fit_platform, follow_swing, hold_locks
-from paraopt.modes.legged.tripod.swing_state import SwingState
+from paraopt.modes.legged.tripod.swing_state import SwingState, smallest_from_tilt
 from paraopt.modes.legged.tripod.walker import WalkingTripod
 
 __all__ = [
@@ -52,12 +52,14 @@ __all__ = [
     "follow_tool",
     "foot_names",
     "hold_locks",
+    "lean_round",
     "leg_names",
     "lock_matrix",
     "lock_names",
     "machine_curve",
     "move_frames",
     "report_locks",
+    "smallest_from_tilt",
     "smallest_of_columns",
     "tilt_frame",
     "tripod_model",

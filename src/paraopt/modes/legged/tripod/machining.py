@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,6 +65,31 @@ def follow_tool(
     )
 
 
+def lean_round(
+    radius: float, lean: float, height: float, centre: Sequence[float] = (0.0, 0.0, 0.0), turn: float = 0.0
+) -> Callable[[Array], Array]:
+    """Give the frames of a tool that goes once round a circle and leans to all sides: a work that needs six axes.
+
+    Args:
+        radius: Radius of the circle [m].
+        lean: Angle of the tool to the circle's axis [rad].
+        height: Height of the tip above the centre [m].
+        centre: Centre of the work [m], shape (3,).
+        turn: Turn of the whole work about the vertical [rad].
+
+    Returns:
+        A way for `follow_tool`.
+    """
+    x, y, z = (float(c) for c in centre)
+
+    def frames(s: Array) -> Array:
+        a, one = 2 * np.pi * s, np.ones_like(s)
+        where = [x + radius * np.cos(a + turn), y + radius * np.sin(a + turn), (z + height) * one]
+        return np.column_stack([*where, lean * np.sin(a), lean * np.cos(a), turn * one])
+
+    return frames
+
+
 def check_machining(
     walker: WalkingTripod,
     curve: BSpline,
@@ -82,7 +107,7 @@ def check_machining(
         curve: Spline of x ... gamma of the platform over [0, 1].
         feet: Frames of the feet [m, rad], shape (3, 6).
         clearance: Distance that checked bodies keep [m].
-        standing_margin: Distance to parallel singularities [1].
+        standing_margin: Distance to parallel and to serial singularities [1].
         count: Number of places.
         phase: How messages call it.
 
@@ -117,13 +142,14 @@ def check_machining(
             margin=float(distances[k]),
         )
     held = [n for i in LEGS for n in foot_names(i)]
-    margins = MotionSpace(walker.robot.kinematics, POSE, POSE, held).margins(X).parallel
-    k = np.argmin(margins)
-    if margins[k] < standing_margin:
-        raise InfeasibleError(
-            f"phase {phase!r}: the distance to parallel singularities is {margins[k]:.3g} at s = {s[k]:.3f}, asked "
-            f"{standing_margin:g}",
-            s=float(s[k]),
-            margin=float(margins[k]),
-        )
+    margins = MotionSpace(walker.robot.kinematics, POSE, POSE, held).margins(X)
+    for kind, values in (("parallel", margins.parallel), ("serial", margins.serial)):
+        k = np.argmin(values)
+        if values[k] < standing_margin:
+            raise InfeasibleError(
+                f"phase {phase!r}: the distance to {kind} singularities is {values[k]:.3g} at s = {s[k]:.3f}, asked "
+                f"{standing_margin:g}",
+                s=float(s[k]),
+                margin=float(values[k]),
+            )
     return X

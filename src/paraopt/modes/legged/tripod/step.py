@@ -19,6 +19,7 @@ from paraopt.modes.legged.tripod.geometry import (
 )
 from paraopt.modes.legged.tripod.lock_pose import LockPose, LockPoseOptions, find_lock_pose
 from paraopt.modes.legged.tripod.swing import Swing
+from paraopt.modes.legged.tripod.swing_state import smallest_from_tilt
 from paraopt.modes.legged.tripod.walker import WalkingTripod
 from paraopt.planning import Retimer
 
@@ -78,6 +79,19 @@ class TripodStep:
     def smallest(self) -> float:
         """Give the smallest singular value of the locks' matrix over all swings [1]."""
         return min((leg.lock.smallest for leg in self.legs), default=np.inf)
+
+    @property
+    def summary(self) -> str:
+        """Say for each leg where it is locked, and how well the locks hold beside the source's tilt."""
+        lines = []
+        for leg in self.legs:
+            x, y, z, *angles = leg.lock.pose.tolist()
+            where = f"({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm, ({', '.join(f'{a:.3f}' for a in angles)}) rad"
+            lines.append(
+                f"foot {leg.leg} locked at {where}: smallest singular value over its swing {leg.lock.smallest:.4f}, "
+                f"from a tilt of 0.3 rad {smallest_from_tilt(self.walker, leg.swing):.4f}"
+            )
+        return "\n".join(lines)
 
     def phases(self, retimer: Retimer | None = None, word: str = "") -> tuple[Phase, ...]:
         """List the phases: reconfiguration (mode PP) and swing (mode BE) of each leg.

@@ -8,7 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from paraopt.errors import SolveError
 from paraopt.kinematics import MotionSpace
+from paraopt.modes.legged.tripod.frames import tilt_frame
 from paraopt.modes.legged.tripod.geometry import LEGS, POSE, foot_names
 from paraopt.modes.legged.tripod.swing import Swing, follow_swing, hold_locks
 from paraopt.modes.legged.tripod.walker import WalkingTripod
@@ -162,3 +164,22 @@ class SwingState:
         names = foot_names(leg)
         space = MotionSpace(kinematics, names, names, self.walker.held_in_swing(leg))
         return space.margins(self.X).parallel
+
+
+def smallest_from_tilt(walker: WalkingTripod, swing: Swing, angle: float = 0.3, count: int = 41) -> float:
+    """Give the smallest singular value of the locks' matrix over a swing from the rest pose, tilted about P_L P_R.
+
+    Args:
+        walker: The machine.
+        swing: The swing.
+        angle: The tilt, the leg's side down [rad]; its size is what the source's manner takes.
+        count: Number of instants.
+
+    Returns:
+        The value [1]; zero where the locks let go of the platform on the way.
+    """
+    pose = tilt_frame(walker.geometry.rest_pose(np.asarray(swing.feet)), walker.geometry.azimuth(swing.leg), angle)
+    try:
+        return SwingState.at(walker, swing, pose, count).smallest
+    except SolveError:
+        return 0.0
