@@ -19,7 +19,7 @@ from paraopt.robots.stewart import stewart
 from paraopt.robots.three_rpr import three_rpr, three_rpr_innocenti
 from paraopt.robots.three_rrr import three_rrr
 from paraopt.robots.three_upu import three_upu
-from paraopt.robots.tripod import tripod
+from paraopt.robots.tripod import tripod, walking_tripod
 from paraopt.robots.two_delta import two_delta
 from paraopt.robots.two_rpr import two_rpr
 
@@ -50,4 +50,5 @@ __all__ = [
     "tripod",
     "two_delta",
     "two_rpr",
+    "walking_tripod",
 ]
