@@ -1,6 +1,7 @@
 """Look at a robot and its motion: a page that plays it, and figures of what happens along it."""
 
 from paraopt.view.cable_figures import draw_cable_workspace, draw_lengths, draw_tensions
+from paraopt.view.cable_motion import save_cables
 from paraopt.view.content import Body, CableLine, Mark, PathLine, Phase, Readout
 from paraopt.view.figures import draw_actuators, draw_margins, draw_series, save_figure
 from paraopt.view.legged_figures import draw_balance, draw_footfalls, draw_support_margin
@@ -41,6 +42,7 @@ __all__ = [
     "list_page_cables",
     "list_page_phases",
     "mark_link",
+    "save_cables",
     "save_figure",
     "save_legged",
     "write_legged_page",

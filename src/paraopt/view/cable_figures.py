@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from paraopt.errors import DefinitionError
-from paraopt.modes.cable import CableRobot, CableWorkspace, TensionBatch, cable_functions
+from paraopt.modes.cable import CableRobot, CableWorkspace, MotionChain, TensionBatch, cable_functions
 from paraopt.modes.cable.distribution import coordinate_places
 from paraopt.planning import Trajectory
 from paraopt.view import style
@@ -110,7 +110,7 @@ def draw_tensions(tensions: TensionBatch, *, title: str | None = None) -> Figure
 
 @in_house_style
 def draw_lengths(
-    robot: CableRobot, trajectory: Trajectory, t: ArrayLike | None = None, *, title: str | None = None
+    robot: CableRobot, trajectory: Trajectory | MotionChain, t: ArrayLike | None = None, *, title: str | None = None
 ) -> Figure:
     """Draw the paid-out lengths of the cables along a motion, arcs on the pulleys included.
 

@@ -1,6 +1,8 @@
 """Robots held by cables: the model, tensions, wrench-feasible poses, and their margins along motions."""
 
 from paraopt.modes.cable.balance import build_hanging, name_tension, read_hanging
+from paraopt.modes.cable.certificate import CableCertificate, CableTolerances, verify_cables
+from paraopt.modes.cable.chain import MotionChain
 from paraopt.modes.cable.conditions import SquareConditions
 from paraopt.modes.cable.distribution import TensionBatch, distribute_batch, dynamic_tensions
 from paraopt.modes.cable.equilibrium import find_equilibria, find_equilibrium, judge_stability
@@ -27,9 +29,11 @@ from paraopt.modes.cable.wrench import CableFunctions, cable_functions
 
 __all__ = [
     "PLATFORM",
+    "CableCertificate",
     "CableFunctions",
     "CableRobot",
     "CableState",
+    "CableTolerances",
     "CableWorkspace",
     "Drum",
     "Equilibria",
@@ -38,6 +42,7 @@ __all__ = [
     "Facets",
     "Feasibility",
     "HangingPose",
+    "MotionChain",
     "Pulley",
     "Sag",
     "SquareConditions",
@@ -69,4 +74,5 @@ __all__ = [
     "name_tension",
     "read_hanging",
     "report_cable_state",
+    "verify_cables",
 ]

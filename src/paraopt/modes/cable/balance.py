@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from paraopt.errors import DefinitionError
+from paraopt.errors import DefinitionError, unknown_name
 from paraopt.mechanism import Equilibrium, Mobile, Tension
 from paraopt.modes.cable.model import PLATFORM, CableRobot
 from paraopt.robot import Robot
@@ -75,17 +76,22 @@ def build_hanging(robot: CableRobot, operational: Sequence[str] | None = None) -
     return replace(plain, mechanism=mechanism, home=home)
 
 
-def read_hanging(robot: Robot) -> CableRobot:
+def read_hanging(robot: Robot, cables: Sequence[str] | None = None) -> CableRobot:
     """Read the cable robot that a machine with an `Equilibrium` describes, to find its equilibria by energy.
 
     Args:
         robot: The machine; one link of it is in balance under cables from the base.
+        cables: Names of the variables that are the lengths of the cables, in the order of the tensions: the cables bear
+            their names, and have their limits of speed and acceleration. Names of the tensions, without limits, when
+            None.
 
     Returns:
-        The cable robot; its cables bear the names of the tensions.
+        The cable robot.
 
     Raises:
-        DefinitionError: There is not one equilibrium of a free link under cables from the base.
+        DefinitionError: There is not one equilibrium of a free link under cables from the base, or there are more or
+            fewer names than cables.
+        UnknownNameError: A name is none of the machine's actuators.
     """
     mechanism = robot.mechanism
     found = [c for c in mechanism.constraints if isinstance(c, Equilibrium)]
@@ -104,6 +110,15 @@ def read_hanging(robot: Robot) -> CableRobot:
         raise DefinitionError(
             f"the force in {balance.name!r} acts at {balance.at} m; only at the origin of {link.name!r} is it a load"
         )
+    names = [t.name for t in balance.tensions]
+    limits: dict[str, Any] = {}
+    if cables is not None:
+        names = list(cables)
+        if unknown := [c for c in names if c not in mechanism.active]:
+            raise unknown_name(f"length of a cable of {robot.name!r}", unknown[0], mechanism.active)
+        for key in ("velocity", "acceleration"):
+            bounds = robot.limits.of(key, names)
+            limits[key] = bounds.tolist() if np.all(np.isfinite(bounds)) else None
     n = 2 if mechanism.planar else 3
     X_WB = transform(base.at, base.rotation)
     exits = [(X_WB[:3, :3] @ np.array(p[base.name]) + X_WB[:3, 3])[:n] for p in ends]
@@ -114,5 +129,5 @@ def read_hanging(robot: Robot) -> CableRobot:
         t_min=[t.range[0] for t in balance.tensions], t_max=[t.range[1] for t in balance.tensions],
         home={c: robot.home.get(name, 0.0) for c, name in free.items()}, centre=balance.centre, planar=mechanism.planar,
         gravity=balance.gravity, load=load[[0, 1, 5]] if mechanism.planar else load,
-        cables=[t.name for t in balance.tensions], order=link.order, source=robot.source,
+        cables=names, order=link.order, source=robot.source, **limits,
     )  # fmt: skip

@@ -81,7 +81,7 @@ def build_bodies(robot: CableRobot) -> tuple[Cable, ...]:
     return tuple(
         Cable(
             link_A="base", point_A=exit_.tolist(), link_B=PLATFORM, point_B=point.tolist(), radius=float(radius),
-            ignore=robot.ignore, name=f"cable {name}",
+            ignore=robot.ignore, name=name if name.startswith("cable") else f"cable {name}",
         )
         for name, exit_, point, radius in ends
     )  # fmt: skip

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError, InfeasibleError
 from paraopt.mechanism import Mechanism
+from paraopt.modes.cable.chain import MotionChain
 from paraopt.modes.cable.facets import capacity_margins, scale_moments
 from paraopt.modes.cable.model import CableRobot
 from paraopt.modes.cable.statics import solve_duals
@@ -126,7 +127,7 @@ def distribute_batch(
 
 def dynamic_tensions(
     robot: CableRobot,
-    trajectory: Trajectory,
+    trajectory: Trajectory | MotionChain,
     t: ArrayLike | None = None,
     aim: BatchAim = "least norm",
     reference: ArrayLike | None = None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from paraopt.modes.cable.chain import MotionChain
 from paraopt.modes.cable.distribution import coordinate_places
 from paraopt.modes.cable.facets import scale_moments
 from paraopt.modes.cable.model import CableRobot
@@ -38,7 +39,9 @@ def unbalanced_part(robot: CableRobot, poses: ArrayLike, wrench: ArrayLike) -> A
     return np.asarray(b - np.einsum("kdn,knc,kc->kd", A, np.linalg.pinv(A), b))
 
 
-def measure_sway(robot: CableRobot, trajectory: Trajectory, t: ArrayLike | None = None, count: int = 2001) -> Array:
+def measure_sway(
+    robot: CableRobot, trajectory: Trajectory | MotionChain, t: ArrayLike | None = None, count: int = 2001
+) -> Array:
     """Measure along a motion what of weight, load and inertia no tensions balance.
 
     It is the size of what disturbs the platform from its motion, not how far it swings then.
