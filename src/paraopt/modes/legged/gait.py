@@ -98,9 +98,12 @@ def find_gait(
         raise DefinitionError("direction of gravity is zero; it must be a direction")
     down = down / np.linalg.norm(down)
     samples, wanted = options.samples, aim
+    least = max(options.least_margin, aim.margin) if aim.best == "speed" else options.least_margin
     for _ in range(options.refinements + 1):
         gait = _solve(falls, options, down, wanted, samples)
         looked = gait.sample((samples - 1) * options.density + 1)
+        if gait.margin < least:
+            break  # more samples only take away
         if _find_excess(gait, looked, options) is not None:
             samples = 2 * samples - 1
             continue
@@ -108,9 +111,7 @@ def find_gait(
         if better is None:
             break
         samples, wanted = (2 * samples - 1, wanted) if better == wanted else (samples, better)
-    _check(
-        gait, looked, options, max(options.least_margin, aim.margin) if aim.best == "speed" else options.least_margin
-    )
+    _check(gait, looked, options, least)
     return gait
 
 
