@@ -28,7 +28,7 @@ def describe(thing: Any) -> Any:
         thing: Numbers, strings, arrays, mappings, sequences, dataclasses.
 
     Returns:
-        Mappings, lists, strings, finite numbers; numbers that are not finite become strings.
+        Mappings, lists, strings, finite numbers; numbers that are not finite become strings, functions their names.
     """
     if isinstance(thing, Configuration):
         return thing.as_dict()
@@ -51,6 +51,9 @@ def describe(thing: Any) -> Any:
         return thing
     if isinstance(thing, Sequence):
         return [describe(v) for v in thing]
+    if callable(thing):  # its address would differ from run to run
+        named = thing if hasattr(thing, "__qualname__") else type(thing)
+        return f"{named.__module__}.{named.__qualname__}"
     return repr(thing)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,11 @@ from paraopt.planning.retime_base import (
     PathConstraint,
     choose_times,
     find_fastest,
+    find_stops,
     limit_path,
     measure_use,
     refine_grid,
+    retime_parts,
     spread_grid,
 )
 from paraopt.planning.trajectory import Trajectory
@@ -70,12 +72,15 @@ class TimeOptimal:
             path: The path.
 
         Returns:
-            A trajectory from rest to rest whose limits hold on a check ten times denser than the grid.
+            A trajectory from rest to rest whose limits hold on a check ten times denser than the grid. It stops at
+            corners of the path, where the first derivative jumps.
 
         Raises:
             DefinitionError: A limit is missing.
             RetimeError: There is no time law; the message names the cause and the place.
         """
+        if (stops := find_stops(path, 1)).size:
+            return retime_parts(self, problem, path, stops)
         s = spread_grid(path, self.n_grid)
         for attempt in range(self.refinements + 1):
             grid, rows, law = find_fastest(problem, path, s, self.constraints)
@@ -92,6 +97,10 @@ class TimeOptimal:
             violated = use.stretch_at > 1.0 + 0.5 * self.tolerated if attempt else np.ones(len(times), dtype=bool)
             s = refine_grid(s, limited.s[violated])
         return self._finish(path, law, use, n, can_slow)
+
+    def with_constraints(self, constraints: Sequence[PathConstraint]) -> Self:
+        """Give the same retimer with other constraints."""
+        return replace(self, constraints=constraints)
 
     def _look_between(self, problem: Problem, path: Path, grid: LimitedPath, law: TimeLaw, s: Array) -> LimitedPath:
         """Evaluate the path between grid points: through the closures, or by quintic pieces where these are as good.

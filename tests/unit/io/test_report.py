@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 from enum import Enum
 from pathlib import Path
@@ -143,6 +144,8 @@ class _Thing:
         (_Colour.RED, "red"),
         (_Thing(0.5, (1, 2)), {"type": "_Thing", "size": 0.5, "parts": [1, 2]}),
         ([_Thing(1.0)], [{"type": "_Thing", "size": 1.0, "parts": []}]),
+        (np.linspace, "numpy.linspace"),
+        (functools.partial(max, 3), "functools.partial"),
     ],
 )
 def test_things_become_what_json_can_hold(thing: Any, told: Any) -> None:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 import gantry
 import paraopt as po
 from motions import ACCELERATION, JERK, TASKS, VELOCITY, other_elbow, plan_of, problem_of, raf_problem, turning_problem
+from paraopt.io import describe
 from paraopt.planning import PathConstraint, PathPoints, Retimer, State
 from paraopt.planning.retime_base import choose_times
 
@@ -368,6 +369,15 @@ def test_a_passive_joint_keeps_its_jerk_limit() -> None:
 
 
 # --- Further bounds, linear in the acceleration and the squared speed of the parameter
+
+
+def test_a_stated_row_is_described_without_the_address_of_its_function() -> None:
+    stated = po.RowConstraint("speed", lambda points: (0.0, points.dX[:, 0] ** 2, -0.25))
+    assert repr(stated) == "RowConstraint(names='speed')"
+    told = describe(po.TimeOptimal(constraints=[stated]))["constraints"][0]
+    assert told["names"] == "speed"
+    assert " at 0x" not in str(told)
+    assert told["function"].endswith("<lambda>")
 
 
 def _timed_line(constraint: PathConstraint, retimer: type[Retimer] = po.TimeOptimal) -> po.Trajectory:

@@ -2,6 +2,7 @@
 
 from paraopt.planning.retime_base.fastest import find_fastest, refine_grid, spread_grid
 from paraopt.planning.retime_base.limited import LimitedPath, limit_path, third_derivatives
+from paraopt.planning.retime_base.parts import find_stops, retime_parts
 from paraopt.planning.retime_base.platform import PlatformMotion
 from paraopt.planning.retime_base.retimer import Retimer
 from paraopt.planning.retime_base.rows import PathConstraint, PathRows, RowConstraint
@@ -17,9 +18,11 @@ __all__ = [
     "RowConstraint",
     "choose_times",
     "find_fastest",
+    "find_stops",
     "limit_path",
     "measure_use",
     "refine_grid",
+    "retime_parts",
     "spread_grid",
     "third_derivatives",
 ]

@@ -222,7 +222,7 @@ def _check_moves(path: Path, s: Array, rows: PathRows) -> None:
 
     At a turning point one variable may stand still, but then its second derivative bounds the speed.
     """
-    holding = np.max(np.abs(rows.b) / np.maximum(np.abs(rows.c), 1e-300), axis=1, where=rows.c < 0.0, initial=0.0)
+    holding = _holding(rows)
     stalled = np.flatnonzero(holding[1:-1] <= 1e-9 * np.max(holding)) + 1
     if stalled.size:
         place = float(s[stalled[0]])
@@ -232,6 +232,12 @@ def _check_moves(path: Path, s: Array, rows: PathRows) -> None:
             path=path,
             s=place,
         )
+
+
+def _holding(rows: PathRows) -> Array:
+    """Give the inverse of the squared speed that the tightest bound which holds at rest leaves at each place."""
+    size = np.maximum(np.abs(rows.c), 1e-300)
+    return np.asarray(np.max(np.abs(rows.b) / size, axis=1, where=rows.c < 0.0, initial=0.0))
 
 
 def _tightest(rows: PathRows, i: int) -> str:
@@ -273,6 +279,16 @@ def _explain(path: Path, s: Array, rows: PathRows, scales: _Scales, failed: int)
             f"but the accelerations between them do not; the tightest bound there is {_tightest(rows, failed)!r}",
             path=path, s=float(s[failed]), row=_tightest(rows, failed),
         )  # fmt: skip
+    holding = _holding(rows)
+    beside = slice(max(failed - 2, 1), failed + 3)
+    slowest = beside.start + int(np.argmin(holding[beside]))
+    if holding[slowest] < 0.03 * np.median(holding):
+        return RetimeError(
+            f"the path all but stands still at s = {s[slowest]:.4f}, where hardly any bound tells how fast to pass "
+            "(nearly a cusp, or repeated points); move the control points apart",
+            path=path,
+            s=float(s[slowest]),
+        )
     return RetimeError(
         f"toppra found no time law beyond s = {s[failed]:.4f}, though a slow one exists: its linear programs failed by "
         "round-off; change n_grid a little",

@@ -7,7 +7,7 @@ this way, at a given place of the path.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -97,7 +97,7 @@ class RowConstraint:
     """
 
     names: Sequence[str]
-    function: Callable[[PathPoints], tuple[ArrayLike, ArrayLike, ArrayLike]]
+    function: Callable[[PathPoints], tuple[ArrayLike, ArrayLike, ArrayLike]] = field(repr=False)
 
     def rows(self, problem: Problem, points: PathPoints) -> PathRows:
         """Evaluate the functions.

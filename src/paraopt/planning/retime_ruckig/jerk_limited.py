@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,10 @@ from paraopt.planning.retime_base import (
     PathConstraint,
     choose_times,
     find_fastest,
+    find_stops,
     limit_path,
     measure_use,
+    retime_parts,
     spread_grid,
     third_derivatives,
 )
@@ -85,7 +87,8 @@ class JerkLimited:
 
         Returns:
             A trajectory from rest to rest that holds all limits on a check ten times denser than the grid. Its
-            `without_jerk` is the duration of the fastest law without jerk limits.
+            `without_jerk` is the duration of the fastest law without jerk limits. It stops where the first or the
+            second derivative of the path jumps, as from a line to an arc.
 
         Raises:
             DefinitionError: A limit is missing.
@@ -97,6 +100,8 @@ class JerkLimited:
             raise DefinitionError(
                 f"actuators {missing} have no jerk limit; state it in Limits(jerk=...)", limits=problem.bounds
             )
+        if (stops := find_stops(path, 2)).size:
+            return retime_parts(self, problem, path, stops)
         # without jerk limits there must be a law too: its failure names the cause
         _, rows, fastest = find_fastest(problem, path, spread_grid(path, self.n_grid), self.constraints)
         first = self._first_profile(problem, path)
@@ -127,6 +132,10 @@ class JerkLimited:
         if slowed > 1.002:
             method += f", run {100 * (slowed - 1.0):.2g} % slower to hold the limits between grid points"
         return Trajectory(path, law.stretched(factor), method, slowed, n, fastest.duration)
+
+    def with_constraints(self, constraints: Sequence[PathConstraint]) -> Self:
+        """Give the same retimer with other constraints."""
+        return replace(self, constraints=constraints)
 
     def _measure(self, problem: Problem, path: Path, law: TimeLaw) -> tuple[LimitUse, Array, bool]:
         """Check a law at ten times the density of the grid, and tell whether it may be run slower."""
