@@ -36,13 +36,13 @@ def build_centre(machine: LeggedMachine) -> ca.SX:
 
     Source: Lahouar, IV.3.
     """
-    links, weights = _weigh(machine)
+    links, weights = weigh_links(machine)
     return _sum_weighted(machine.robot.kinematics.graph, links, ca.DM(weights))
 
 
 def measure_centre(machine: LeggedMachine, X: ArrayLike) -> Array:
     """Give the centre of gravity at n configurations X (n, n_variables), in the world [m]; shape (n, 3)."""
-    links, weights = _weigh(machine)
+    links, weights = weigh_links(machine)
     (centre,) = _centre_functions(machine.robot.kinematics.graph, links, machine.robot.kinematics.functions.backend)[
         0
     ].batch(np.atleast_2d(np.asarray(X, dtype=float)), weights)
@@ -59,7 +59,7 @@ def differentiate_centre(machine: LeggedMachine, X: ArrayLike) -> tuple[Array, A
     Returns:
         Centres in the world [m], shape (n, 3), and derivatives, shape (n, 3, n_variables).
     """
-    links, weights = _weigh(machine)
+    links, weights = weigh_links(machine)
     points = np.atleast_2d(np.asarray(X, dtype=float))
     centre, slopes = _centre_functions(
         machine.robot.kinematics.graph, links, machine.robot.kinematics.functions.backend
@@ -211,7 +211,7 @@ def measure_worst_support(
     polygon = build_polygon(machine, rows[0], standing, gravity)
     if len(polygon.corners) < 3:
         raise DefinitionError(f"feet {list(standing)} make no polygon: their corners are {list(polygon.corners)}")
-    links, weights = _weigh(machine)
+    links, weights = weigh_links(machine)
     masses = weights[:, 3]
     backend = machine.robot.kinematics.functions.backend
     centres = weights[:, :3] / masses[:, None]
@@ -236,7 +236,7 @@ def build_polygon(
     return SupportPolygon.over(standing, points, gravity)
 
 
-def _weigh(machine: LeggedMachine) -> tuple[tuple[str, ...], Array]:
+def weigh_links(machine: LeggedMachine) -> tuple[tuple[str, ...], Array]:
     """Give the links that have a mass, and for each `(m p, m) / sum of m`, shape (n, 4)."""
     masses, centres = machine.masses or {}, machine.centres or {}
     links = tuple(link for link, mass in masses.items() if mass > 0.0)

@@ -13,8 +13,10 @@ from paraopt.modes.legged.balance import build_polygon, measure_centre
 from paraopt.modes.legged.machine import LeggedMachine
 from paraopt.modes.legged.supports import measure_height
 from paraopt.modes.legged.task import LeggedTask
+from paraopt.modes.legged.tipping import measure_tipping
 from paraopt.modes.legged.trajectory import LeggedTrajectory
 from paraopt.planning import Certificate, Check, Problem, verify
+from paraopt.planning.trajectory import Motion
 
 Array = NDArray[np.float64]
 
@@ -30,6 +32,7 @@ class LeggedTolerances:
         continuity: Largest jump of a variable between phases [m or rad].
         rest: Largest speed where phases meet, as a share of the largest in both phases [1].
         margin: Amount by which the support margin may be missed [m].
+        tipping: Share of the distance between rest and tipping by which the latter may be missed [1].
     """
 
     lock: float = 1e-9
@@ -38,6 +41,7 @@ class LeggedTolerances:
     continuity: float = 1e-9
     rest: float = 1e-6
     margin: float = 1e-9
+    tipping: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +56,8 @@ class LeggedCertificate:
         t: Times that were looked at, over all phases [s], shape (n,).
         margin: Support margin then [m], nan where none is asked, shape (n,).
         centre: Centre of gravity then [m], shape (n, 3).
+        tipping: Distance from tipping over then, with the inertia of what moves [m], nan where no support margin is
+            asked, shape (n,).
     """
 
     names: tuple[str, ...]
@@ -61,6 +67,7 @@ class LeggedCertificate:
     t: Array = field(repr=False)
     margin: Array = field(repr=False)
     centre: Array = field(repr=False)
+    tipping: Array = field(repr=False)
 
     @property
     def passed(self) -> bool:
@@ -79,6 +86,11 @@ class LeggedCertificate:
     def smallest_margin(self) -> float:
         """Give the smallest support margin where one is asked [m]; inf where none is."""
         return float(np.min(self.margin, where=~np.isnan(self.margin), initial=np.inf))
+
+    @property
+    def smallest_tipping(self) -> float:
+        """Give the smallest distance from tipping over with the inertia of what moves [m]; inf where none is known."""
+        return float(np.min(self.tipping, where=~np.isnan(self.tipping), initial=np.inf))
 
     def __getitem__(self, name: str) -> Check:
         for check in self.checks:
@@ -155,6 +167,7 @@ def verify_legged(
     return LeggedCertificate(
         names, certificates, tuple(mark.start for mark in trajectory.marks), ledger.conclude(),
         np.concatenate(ledger.times), np.concatenate(ledger.margins), np.concatenate(ledger.centres),
+        np.concatenate(ledger.tippings),
     )  # fmt: skip
 
 
@@ -167,6 +180,7 @@ class _Ledger:
         self.times: list[Array] = []
         self.margins: list[Array] = []
         self.centres: list[Array] = []
+        self.tippings: list[Array] = []
 
     def look(self, k: int, trajectory: LeggedTrajectory, problem: Problem, t: Array) -> None:
         """Judge one phase at times of its own."""
@@ -176,6 +190,7 @@ class _Ledger:
         safe = np.where(finite[:, None], X, problem.start_configuration.X)
         clock = trajectory.marks[k].start + t
         margin, centre = self._judge_balance(k, machine, safe, finite, clock)
+        self.tippings.append(self._judge_tipping(k, trajectory.parts[k], t, safe, finite, clock))
         self.times.append(clock)
         self.margins.append(margin)
         self.centres.append(centre)
@@ -234,6 +249,33 @@ class _Ledger:
         if worst is None or check.value - check.bound < worst.value - worst.bound:
             self.found[check.name] = check
         return margin, centre
+
+    def _judge_tipping(self, k: int, motion: Motion, t: Array, safe: Array, finite: Array, clock: Array) -> Array:
+        """Measure how far one phase is from tipping over in motion, and judge it where the task asks for it."""
+        task, phase = self.task, self.task.phases[k]
+        unknown = np.full(len(t), np.nan)
+        if phase.stability is None or not phase.standing:
+            return unknown
+        polygon = build_polygon(task.machine, safe[0], phase.standing, task.down)
+        if len(polygon.corners) < 3:
+            return unknown
+        V, A = (np.asarray(motion(t, order), dtype=float) for order in (1, 2))
+        known = finite & np.all(np.isfinite(V) & np.isfinite(A), axis=1)
+        V, A = (np.where(known[:, None], values, 0.0) for values in (V, A))
+        edges = measure_tipping(task.machine, polygon, safe, V, A)
+        least = np.where(known, np.min(edges, axis=1), -np.inf)
+        if task.tipping is not None:
+            rest = polygon.distances(measure_centre(task.machine, safe))
+            allowance = self.tolerances.tipping * np.maximum(rest - task.tipping, 0.0)
+            short = np.where(known, np.min(edges + allowance, axis=1), -np.inf)
+            i = int(np.argmin(short))
+            worst = self.found.get("distance from tipping")
+            if worst is None or least[i] < worst.value or (worst.passed and short[i] < task.tipping):
+                self.found["distance from tipping"] = Check(
+                    "distance from tipping", float(least[i]), task.tipping, "m", float(clock[i]),
+                    f"phase {phase.name!r}", bool(short[i] >= task.tipping), ">=",
+                )  # fmt: skip
+        return least
 
     def look_at_borders(self, trajectory: LeggedTrajectory) -> None:
         """Judge continuity, and rest on both sides, where phases meet, and at both ends."""

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from paraopt.errors import InfeasibleError, RefineError
+from paraopt.errors import DefinitionError, InfeasibleError, RefineError
 from paraopt.kinematics import Configuration
 from paraopt.modes.legged.certificate import LeggedCertificate, LeggedTolerances, verify_legged
 from paraopt.modes.legged.conditions import HeightCondition
-from paraopt.modes.legged.phases import PhaseTolerances, build_problems, name_phase
+from paraopt.modes.legged.phases import PhaseTolerances, build_problems, find_polygon, name_phase
 from paraopt.modes.legged.task import LeggedTask, Phase
+from paraopt.modes.legged.tipping import TippingConstraint
 from paraopt.modes.legged.trajectory import LeggedTrajectory, PhaseMark
 from paraopt.planning import (
     JerkLimited,
@@ -95,10 +96,18 @@ class LeggedPlan:
             f"{self.trajectory.duration:.3f} s in {len(self.phases)} phases, the longest {worst_phase.name!r} of "
             f"{worst_phase.duration:.3f} s",
         ]
-        for name in ("support margin", "standing feet move", "locked joints move", "pose jumps"):
+        for name in (
+            "support margin",
+            "distance from tipping",
+            "standing feet move",
+            "locked joints move",
+            "pose jumps",
+        ):
             check = next((check for check in c.checks if check.name == name), None)
             if check is not None:
                 lines.append(f"{name} {check.value:.4g} {check.unit} ({check.sense} {check.bound:g}), {check.where}")
+        if self.task.tipping is None and np.isfinite(c.smallest_tipping):
+            lines.append(f"distance from tipping {c.smallest_tipping:.4g} m with the inertia of what moves (not asked)")
         lines.append("seconds: " + ", ".join(f"{s} {self.timings[s]:.2f}" for s in STAGES if s in self.timings))
         return "\n".join(lines)
 
@@ -153,7 +162,7 @@ def plan_legged(
     plans: list[PhasePlan] = []
     for phase, problem in zip(task.phases, problems, strict=True):
         begin = time.perf_counter()
-        how = phase.retimer or retimer
+        how = run("retime", phase, partial(keep_upright, task, phase, problem, phase.retimer or retimer))
         seed: Seed | None = None
         if phase.curve is None:
             seed = run("seed", phase, partial(seed_phase, phase, problem, seeder))
@@ -190,6 +199,21 @@ def choose_retimer(task: LeggedTask) -> Retimer:
     limited = np.isfinite(limits.of("jerk", robot.mechanism.active))
     # a phase is short: on the finer grid of long motions it would gain some 0.2 % for twice the effort
     return JerkLimited(n_grid=100, enough=1e-2) if bool(np.all(limited)) else TimeOptimal()
+
+
+def keep_upright(task: LeggedTask, phase: Phase, problem: Problem, retimer: Retimer) -> Retimer:
+    """Let a retimer count the inertia of what moves, where the task and the phase ask for it.
+
+    Raises:
+        DefinitionError: The retimer takes no constraints.
+    """
+    if task.tipping is None or phase.stability is None:
+        return retimer
+    if not isinstance(retimer, (JerkLimited, TimeOptimal)):
+        raise DefinitionError(f"retimer {retimer!r} takes no constraints, and the task asks not to tip over in motion")
+    polygon = find_polygon(task, phase, problem.start_configuration)
+    constraint = TippingConstraint(task.machine, polygon, task.tipping)
+    return replace(retimer, constraints=(*retimer.constraints, constraint))
 
 
 def seed_phase(phase: Phase, problem: Problem, seeder: Seeder, resolution: float = 0.5) -> Seed:

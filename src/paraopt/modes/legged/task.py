@@ -150,6 +150,9 @@ class LeggedTask:
         margins: Distances to keep from obstacles and singularities.
         limits: Bounds of the drives; those of the robot when None.
         gravity: Direction of gravity in the world, of any length but zero.
+        tipping: Smallest distance from tipping over [m], the inertia of what moves counted; see `TippingConstraint`. It
+            slows phases that ask for a support margin, and must be below that margin. When None only weight counts, as
+            for a machine that moves slowly; the certificate then tells the distance without judging it.
 
     Raises:
         DefinitionError: Phases do not fit the machine: an unknown foot or variable, a standing foot that is to move, a
@@ -164,6 +167,7 @@ class LeggedTask:
     margins: Margins = field(default_factory=Margins)
     limits: Limits | None = None
     gravity: ArrayLike = (0.0, 0.0, -1.0)
+    tipping: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "phases", tuple(self.phases))
@@ -172,6 +176,8 @@ class LeggedTask:
         if size == 0.0:
             raise DefinitionError("direction of gravity is zero; it must be a direction")
         object.__setattr__(self, "gravity", finite_vector(gravity / size, 3, "direction of gravity"))
+        if self.tipping is not None and not np.isfinite(self.tipping):
+            raise DefinitionError(f"distance from tipping over is {self.tipping!r} m; it must be finite, or None")
         robot = self.machine.robot
         if self.scene is None:
             object.__setattr__(self, "scene", Scene(robot))
@@ -195,6 +201,11 @@ class LeggedTask:
 
     def _check_phase(self, phase: Phase) -> None:
         machine = self.machine
+        if self.tipping is not None and phase.stability is not None and not self.tipping < phase.stability:
+            raise DefinitionError(
+                f"phase {phase.name!r} asks for a support margin of {phase.stability:g} m, and the task for "
+                f"{self.tipping:g} m from tipping over, which no speed keeps; ask for less than the support margin"
+            )
         known = machine.robot.mechanism.names
         for foot in phase.standing:
             if foot not in machine.names:
