@@ -97,6 +97,7 @@ def build_legged_report(plan: LeggedPlan) -> dict[str, Any]:
             "support": describe(task.support),
             "gravity": describe(task.gravity),
             "margins": describe(task.margins),
+            "distance from tipping over asked [m]": task.tipping,
             "limits": describe(robot.limits if task.limits is None else task.limits),
             "obstacles": describe(task.scene.obstacles if task.scene else ()),
         },
@@ -108,6 +109,7 @@ def build_legged_report(plan: LeggedPlan) -> dict[str, Any]:
         "certificate": {
             "passed": certificate.passed,
             "smallest support margin [m]": describe(certificate.smallest_margin),
+            "smallest distance from tipping over, with inertia [m]": describe(certificate.smallest_tipping),
             "checks": [describe(check) for check in certificate.checks],
         },
     }

@@ -35,6 +35,7 @@ def draw_support_margin(
     *,
     others: Mapping[str, LeggedMachine] | None = None,
     mass_share: float | None = None,
+    inertia: bool = False,
     count: int = 120,
     title: str | None = None,
 ) -> Figure:
@@ -45,6 +46,8 @@ def draw_support_margin(
         others: Machines with other masses, by what the legend calls them: the same motion with their margin.
         mass_share: Share by which every mass may differ by itself, such as 0.1: the smallest margin that this leaves is
             drawn as well, dashed; see `measure_worst_support`.
+        inertia: Whether the distance from tipping over is drawn as well, with the inertia of what moves; see
+            `measure_tipping`.
         count: Samples in each phase.
         title: Heading of the figure.
 
@@ -58,12 +61,14 @@ def draw_support_margin(
     asked = [phase.phase.stability for phase in plan.phases]
     if all(value is None for value in asked):
         raise DefinitionError("no phase asks for a support margin (stability); there is nothing to draw")
-    compared = bool(others) or mass_share is not None
+    compared = bool(others) or mass_share is not None or inertia
     machines = {"as planned" if compared else "": plan.task.machine, **(others or {})}
     curves = {name: _sample_margin(plan, machine, count) for name, machine in machines.items()}
     worst = "" if mass_share is None else f"worst masses within ±{100 * mass_share:g} %"
     if mass_share is not None:
         curves[worst] = _sample_margin(plan, plan.task.machine, count, mass_share)
+    if inertia:
+        curves["with inertia"] = _read_tipping(plan)
     factor, unit = display_scale("m", *(margin for _, margin in curves.values()))
     figure = new_figure(_choose_width(marks), 3.4)
     heading = title or f"{plan.task.machine.robot.name}: support margin"
@@ -74,6 +79,8 @@ def draw_support_margin(
         look: Any = {"color": style.INK if k == 0 else style.series_color(k - 1), "linewidth": 1.7 if k == 0 else 1.0}
         if name == worst:
             look |= {"color": style.INK, "linestyle": (0.0, (2.0, 1.5))}
+        if inertia and name == "with inertia":
+            look |= {"color": style.SLATE, "linewidth": 0.9}
         axes.plot(t, factor * margin, label=name or None, zorder=3 - 0.1 * k, **look)
     for mark, bound in zip(marks, asked, strict=True):
         if bound is not None:
@@ -214,6 +221,13 @@ def _sample_margin(
         times.append(np.append(t, t[-1]))
         margins.append(np.append(margin, np.nan))
     return np.concatenate(times), np.concatenate(margins)
+
+
+def _read_tipping(plan: LeggedPlan) -> tuple[Array, Array]:
+    """Give the distance from tipping over that the certificate found, broken where phases meet."""
+    certificate = plan.certificate
+    starts = np.cumsum([0, *(phase.n_samples for phase in certificate.phases)])[1:-1]
+    return np.insert(certificate.t, starts, certificate.t[starts]), np.insert(certificate.tipping, starts, np.nan)
 
 
 def _join_spans(spans: Sequence[tuple[float, float]], slack: float = 1e-9) -> list[tuple[float, float]]:

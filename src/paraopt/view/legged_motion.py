@@ -62,7 +62,7 @@ def draw_legged(
         "filmstrip": draw_filmstrip(plan),
     }
     if any(phase.phase.stability is not None for phase in plan.phases):
-        figures["margin"] = draw_support_margin(plan, others=others, mass_share=mass_share)
+        figures["margin"] = draw_support_margin(plan, others=others, mass_share=mass_share, inertia=True)
         figures["balance"] = draw_balance(plan)
     return figures
 

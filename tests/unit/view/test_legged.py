@@ -47,6 +47,9 @@ def test_the_margin_is_drawn_with_its_phases(plan: LeggedPlan) -> None:
     unsure = draw_support_margin(plan, mass_share=0.1).axes[0]
     worst = next(line for line in unsure.lines if line.get_label() == "worst masses within ±10 %")
     assert np.nanmin(planned - worst.get_ydata()) > 0.0
+    moving = draw_support_margin(plan, inertia=True).axes[0]
+    felt = next(line for line in moving.lines if line.get_label() == "with inertia").get_ydata()
+    assert np.nanmin(felt) == pytest.approx(1e3 * plan.certificate.smallest_tipping)
     silent = replace(plan, phases=tuple(replace(p, phase=replace(p.phase, stability=None)) for p in plan.phases))
     with pytest.raises(po.DefinitionError, match="nothing to draw"):
         draw_support_margin(silent)
