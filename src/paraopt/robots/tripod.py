@@ -29,7 +29,7 @@ from paraopt.scene import Scene
 from paraopt.shapes import Capsule, Cylinder, Shape
 from paraopt.spatial import transform
 
-SOLE = 0.014  # height of a foot's frame above what it stands on [m]
+SOLE = 0.03  # height of a foot's frame above what it stands on [m]
 BODY = 0.009  # radius of an actuator's body [m]
 TOOL = 0.1  # length of the tool below the platform [m]
 
@@ -57,8 +57,8 @@ def tripod(
 
     Level platforms on level ground are regular in this mode. In the source's mode BE, with joints locked, they are not.
 
-    The solids: the actuators of a leg stand side by side on one axle, as thick as both together; their rods stay in
-    the bodies at every length and above the foot at the shortest. The frame of a foot is `SOLE` above the ground.
+    The solids: the actuators of a leg stand side by side on the foot's axle; their rods stay in the bodies at every
+    length, and above the axle at the shortest. The frame of a foot is `SOLE` above the ground.
 
     Args:
         geometry: Dimensions, strokes and ranges of joints; those of `TripodGeometry()` when None.
@@ -108,9 +108,9 @@ def tripod(
             home |= {f"pivot {side} {i}": 0.0}
             body, rod = _actuator_solids(geometry, sign)
             shapes |= {f"actuator {side} {i}": [body], f"rod {side} {i}": [rod]}
-            contacts[f"foot {i}", f"rod {side} {i}"] = "the rod stays in its body, above the foot"
+            contacts[f"foot {i}", f"rod {side} {i}"] = "the rod stays in its body, above the foot's axle"
         shapes[f"end {i}"] = _bracket_solids(geometry, i)
-        shapes[f"foot {i}"] = [Cylinder.between((0, 0, -SOLE), (0, 0, 0.3 * SOLE), radius=1.6 * SOLE)]
+        shapes[f"foot {i}"] = [Cylinder.between((0, 0, -SOLE), (0, 0, 0), radius=0.6 * SOLE)]
         contacts["base", f"foot {i}"] = "the foot stands on the ground"
         for one, other in (("actuator L", "rod R"), ("rod L", "actuator R"), ("rod L", "rod R")):
             contacts[f"{one} {i}", f"{other} {i}"] = "they move in parallel planes, side by side on one axle"
@@ -189,12 +189,11 @@ def _bracket_solids(geometry: TripodGeometry, i: int) -> list[Shape]:
 
 
 def _actuator_solids(geometry: TripodGeometry, sign: int) -> tuple[Shape, Shape]:
-    """Give the body and the rod of an actuator, aside of the leg's plane by a radius and some play."""
+    """Give the body and the rod of an actuator, aside of the leg's plane by the body's radius."""
     shortest, longest = geometry.stroke
-    aside = sign * 1.1 * BODY
-    # both ends of the body keep off: from the ground under a leaning leg, from the axle at the shortest
-    bottom, top = 2.5 * BODY, shortest - 2.75 * BODY
-    body = Capsule.between((aside, 0, bottom), (aside, 0, top), radius=BODY)
+    aside = sign * BODY
+    top = shortest - 2.75 * BODY  # it keeps off the platform's axle at the shortest
+    body = Capsule.between((aside, 0, 0), (aside, 0, top), radius=BODY)
     rod = Capsule.between((aside, 0, top - BODY - longest), (aside, 0, 0), radius=0.5 * BODY)
     return body, rod
 

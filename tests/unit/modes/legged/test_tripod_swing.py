@@ -203,7 +203,7 @@ def test_faults_name_phase_foot_and_margin() -> None:
 
 def test_an_obstacle_is_stepped_over_or_told() -> None:
     """A bar 30 mm high across the way: the foot passes lifted by 90 mm, not by 30; the leg keeps off it, too."""
-    bar = po.Box(name="bar", size=(0.02, 0.1, 0.03), pose=po.transform((0.31, 0, 0.001)))
+    bar = po.Box(name="bar", size=(0.02, 0.1, 0.03), pose=po.transform((0.31, 0, walker().sole[2] + 0.015)))
     over = WalkingTripod(GEOMETRY, po.Scene(walker().robot, [bar]), walker().sole)
     swing = replace(checked_swing(), goal=FEET[0] + [0.1, 0, 0, 0, 0, 0])
     with pytest.raises(po.InfeasibleError, match=r"foot 1, lifted by 30 mm, comes as near as -.* mm to foot 1 / bar"):
