@@ -1,7 +1,8 @@
 """Look at a robot and its motion: a page that plays it, and figures of what happens along it."""
 
 from paraopt.view.cable_figures import draw_cable_workspace, draw_lengths, draw_tensions
-from paraopt.view.cable_motion import save_cables
+from paraopt.view.cable_motion import save_cables, write_cable_page
+from paraopt.view.cable_scene import draw_cable_scene
 from paraopt.view.content import Body, CableLine, Mark, PathLine, Phase, Readout
 from paraopt.view.figures import draw_actuators, draw_margins, draw_series, save_figure
 from paraopt.view.legged_figures import draw_balance, draw_footfalls, draw_support_margin
@@ -24,6 +25,7 @@ __all__ = [
     "build_page",
     "draw_actuators",
     "draw_balance",
+    "draw_cable_scene",
     "draw_cable_workspace",
     "draw_filmstrip",
     "draw_footfalls",
@@ -45,6 +47,7 @@ __all__ = [
     "save_cables",
     "save_figure",
     "save_legged",
+    "write_cable_page",
     "write_legged_page",
     "write_motion_page",
     "write_page",

@@ -46,6 +46,8 @@ class CableCertificate:
         tensions: Tensions along the motion; those of least norm where there is a choice.
         needed: Tensions without regard to their limits [N], shape (k, n): those that a hanging platform asks for;
             the distributed ones where there is a choice.
+        margins: Distance of the wrench to the boundary of the available set, or where the platform hangs the least
+            distance of a tension to a limit [N], shape (k,); negative beyond.
         unbalanced: What tensions leave, over weight and load [1], shape (k,).
         curvature: Least curvature of the energy along the motions that keep the lengths, over weight times length [1],
             inf where cables alone hold the platform, shape (m,).
@@ -55,6 +57,7 @@ class CableCertificate:
     robot: CableRobot
     tensions: TensionBatch
     needed: Array
+    margins: Array
     unbalanced: Array
     curvature: Array
     checks: tuple[Check, ...]
@@ -163,10 +166,12 @@ def verify_cables(
         needed, unbalanced = _solve_hanging(robot, found.poses, found.wrench)
         unbalanced /= force
         curvature, times = _judge_stability(robot, motion, stability_count, tolerances)
+        margins = np.min(np.minimum(needed - robot.t_min, robot.t_max - needed), axis=1)
     else:
         needed, unbalanced = found.values, found.residual / force
         curvature, times = np.full(1, np.inf), t[:1]
-        add("capacity margin", capacity_margins(robot, found.poses, found.wrench), 0.0, "N", ">=")
+        margins = capacity_margins(robot, found.poses, found.wrench)
+        add("capacity margin", margins, 0.0, "N", ">=")
     below, above = needed - robot.t_min, robot.t_max - needed
     add("tension above t_min", *_least(below, robot), ">=", _names(below, robot))
     add("tension below t_max", *_least(above, robot), ">=", _names(above, robot))
@@ -176,7 +181,7 @@ def verify_cables(
         add("stability", curvature, threshold, "1", ">=", at=times)
     else:
         add("unbalanced / weight", unbalanced, tolerances.balance, "1", "<=")
-    return CableCertificate(robot, found, needed, unbalanced, curvature, tuple(checks))
+    return CableCertificate(robot, found, needed, margins, unbalanced, curvature, tuple(checks))
 
 
 def _least(distances: Array, robot: CableRobot) -> tuple[Array, float, str]:
