@@ -2,7 +2,7 @@
 
 python benchmarks/run.py                       # everything, a few minutes
 python benchmarks/run.py --only evaluations    # or peers, forward, stages, refine, retime, clearance, stacked, cables,
-                                               # seeds
+                                               # tripod, seeds
 python benchmarks/run.py --cold                # also the first compilation, into an empty cache
 python benchmarks/run.py --json bench.json
 """
@@ -20,7 +20,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-SECTIONS = ("evaluations", "peers", "forward", "stages", "refine", "retime", "clearance", "stacked", "cables", "seeds")
+SECTIONS = ("evaluations", "peers", "forward", "stages", "refine", "retime", "clearance", "stacked", "cables", "tripod", "seeds")
 
 
 def hold_to_one_core() -> str:
