@@ -20,7 +20,19 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-SECTIONS = ("evaluations", "peers", "forward", "stages", "refine", "retime", "clearance", "stacked", "cables", "tripod", "seeds")
+SECTIONS = (
+    "evaluations",
+    "peers",
+    "forward",
+    "stages",
+    "refine",
+    "retime",
+    "clearance",
+    "stacked",
+    "cables",
+    "tripod",
+    "seeds",
+)
 
 
 def hold_to_one_core() -> str:
