@@ -2,9 +2,9 @@
 
 The source (Lahouar, IV.3) lifts one foot at a time (right rear, right front, left rear, left front; steps of 60 mm,
 half in the first and the last phase, 20 mm high) and moves the trunk 15 mm with each; where that is not stable the
-trunk is moved by hand. Here its poses are found: the centre of gravity stays as far inside the support polygon as it can
-at every instant, or the steps are made as fast as the drives and a stated margin allow. Masses, ranges and drive limits
-are ours.
+trunk is moved by hand. Here its poses are found: the centre of gravity stays as far inside the support polygon as it
+can at every instant, or the steps are made as fast as the drives and a stated margin allow. Masses, ranges and drive
+limits are ours.
 
 Expected: the gait as stated misses stability by 3 mm. The walk that is found keeps 45 mm, the turn of 15 degrees 40 mm,
 with every mass up to 10 % off 39 and 34 mm; on a slope of 20 degrees the walk keeps 32 mm. For speed the steps grow to

@@ -11,7 +11,8 @@ from paraopt.modes.legged.balance import (
 )
 from paraopt.modes.legged.certificate import LeggedCertificate, LeggedTolerances, verify_legged
 from paraopt.modes.legged.conditions import HeightCondition, StabilityCondition
-from paraopt.modes.legged.gait import GaitAim, find_gait, hold_trunk, list_orders
+from paraopt.modes.legged.gait import GaitAim, find_gait, list_orders
+from paraopt.modes.legged.gait_build import hold_trunk
 from paraopt.modes.legged.gait_model import GaitModel
 from paraopt.modes.legged.gait_motion import Gait, GaitPhase, PhaseSamples
 from paraopt.modes.legged.gait_options import GaitOptions

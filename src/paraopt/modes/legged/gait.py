@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError, InfeasibleError
 from paraopt.modes.legged.balance import level_axes
-from paraopt.modes.legged.gait_fault import explain_fault, name_worst
+from paraopt.modes.legged.gait_build import DOWN, build_gait, close_legs
+from paraopt.modes.legged.gait_fault import explain_fault, find_fault, name_worst
 from paraopt.modes.legged.gait_model import GaitModel
-from paraopt.modes.legged.gait_motion import Gait, GaitPhase, PhaseSamples
+from paraopt.modes.legged.gait_motion import Gait, PhaseSamples
 from paraopt.modes.legged.gait_options import GaitOptions
 from paraopt.modes.legged.gait_program import Answer, GaitProgram, ProgramShape
 from paraopt.modes.legged.gait_steps import Footfalls
-from paraopt.modes.legged.gait_table import CONTROL, PhaseTable, bernstein, run_law
+from paraopt.modes.legged.gait_table import PhaseTable, run_law
 from paraopt.spatial import finite_vector
 
 Array = NDArray[np.float64]
-DOWN = (0.0, 0.0, -1.0)
 
 # one program per machine and shape: building it costs more than running it
 _programs: weakref.WeakKeyDictionary[GaitModel, dict[tuple[ProgramShape, GaitOptions], GaitProgram]] = (
@@ -99,64 +99,23 @@ def find_gait(
     down = down / np.linalg.norm(down)
     samples, wanted = options.samples, aim
     least = max(options.least_margin, aim.margin) if aim.best == "speed" else options.least_margin
+    best: Answer | None = None
+    last: Answer | None = None
     for _ in range(options.refinements + 1):
-        gait = _solve(falls, options, down, wanted, samples)
+        gait, best, last = _solve(falls, options, down, wanted, samples, best, last)
         looked = gait.sample((samples - 1) * options.density + 1)
         if gait.margin < least:
             break  # more samples only take away
-        if _find_excess(gait, looked, options) is not None:
-            samples = 2 * samples - 1
-            continue
-        better = _ask_for_more(gait, looked, aim, wanted, options)
+        better: GaitAim | None = wanted
+        if _find_excess(gait, looked, options) is None:
+            better = _ask_for_more(gait, looked, aim, wanted, options)
         if better is None:
             break
-        samples, wanted = (2 * samples - 1, wanted) if better == wanted else (samples, better)
+        if better == wanted:
+            samples, best, last = 2 * samples - 1, None, None
+        wanted = better
     _check(gait, looked, options, least)
     return gait
-
-
-def hold_trunk(
-    falls: Footfalls, shift: float = 0.0, forward: float = 0.0, gravity: ArrayLike = DOWN, samples: int = 9
-) -> Gait:
-    """Build the gait whose trunk is not optimised: it moves evenly with each foot, shifted away from it.
-
-    Args:
-        falls: The footfalls.
-        shift: How far the trunk is shifted sideways, away from the lifted foot [m].
-        forward: How far it is shifted along its x, all along [m].
-        gravity: Direction of gravity.
-        samples: Number of samples at which the legs are closed, to start with.
-
-    Returns:
-        The gait; its margin may be below zero.
-
-    Raises:
-        InfeasibleError: A foot does not reach its foothold.
-
-    Source: Lahouar, IV.3.2.
-    """
-    down = np.asarray(gravity, dtype=float) / np.linalg.norm(gravity)
-    table = PhaseTable.of(falls, down, swing_moves=True)
-    control = table.nominal.copy()
-    control[:, :, :3] += forward * _axis(control[0, 0, 5])
-    side = np.zeros((len(control), 3))
-    for k in range(len(control)):
-        if table.lifted[k] >= 0:
-            across = np.array([-np.sin(control[k, 0, 5]), np.cos(control[k, 0, 5]), 0.0])
-            off = (table.before[k, table.lifted[k]] - table.before[k].mean(axis=0)) @ across
-            side[k] = -np.sign(off) * shift * across
-    swings = [k for k in range(len(control)) if table.lifted[k] >= 0]
-    control[swings, :, :3] += side[swings][:, None]
-    for k in range(len(control)):
-        if table.lifted[k] < 0:  # shifts lead from where the trunk is to where it has to be
-            before = control[k - 1, -1] if k > 0 else (control[swings[-1], -1] - falls.cycle_travel)
-            after = control[k + 1, 0] if k + 1 < len(control) else control[k, -1]
-            if k == 0 and not falls.is_periodic:
-                before = control[k, 0]
-            control[k] = np.linspace(before, after, CONTROL)
-    s = run_law(np.linspace(0.0, 1.0, samples))
-    joints = _close(falls, table, control, s)
-    return _build_gait(falls, table, control, joints, s, down, 1.0, float("nan"), "stated")
 
 
 def list_orders(names: Sequence[str], cyclic: bool = True) -> tuple[tuple[str, ...], ...]:
@@ -166,8 +125,20 @@ def list_orders(names: Sequence[str], cyclic: bool = True) -> tuple[tuple[str, .
     return tuple(itertools.permutations(names))
 
 
-def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: GaitAim, samples: int) -> Gait:
-    """Solve the programs at some number of samples."""
+def _solve(
+    falls: Footfalls,
+    options: GaitOptions,
+    down: Array,
+    aim: GaitAim,
+    samples: int,
+    best: Answer | None,
+    last: Answer | None,
+) -> tuple[Gait, Answer, Answer]:
+    """Solve the programs at some number of samples, from what was found for another aim where there is something.
+
+    Returns:
+        The gait, the answer of the largest margin, and the last answer.
+    """
     axes = level_axes(down)
     table = PhaseTable.of(falls, down, options.swing_moves)
     shape = ProgramShape(
@@ -176,17 +147,33 @@ def _solve(falls: Footfalls, options: GaitOptions, down: Array, aim: GaitAim, sa
     )  # fmt: skip
     program = _program(falls.model, shape, options)
     s = run_law(program.tau)
-    joints = _close(falls, table, table.nominal, s, must=False)
-    best = program.solve(falls, table, axes, joints, weights=(1.0, 0.0, options.motion_weight))
+    if best is None:
+        best = _find_best(falls, table, program, axes, options)
+    if aim.is_timed:
+        answer = _solve_timed(falls, options, table, axes, aim, shape, best, last)
+    else:
+        least = best.margin - options.ease * abs(best.margin)
+        calm = program.solve(
+            falls, table, axes, best.joints, weights=(0.0, 0.0, 1.0), margin=(least, np.inf), guess=best
+        )
+        answer = calm if calm.violation <= 1e-6 else best
+    gait = build_gait(falls, table, answer.control, answer.joints, s, down, answer.scale, answer.margin, answer.status)
+    return gait, best, answer
+
+
+def _find_best(falls: Footfalls, table: PhaseTable, program: GaitProgram, axes: Array, options: GaitOptions) -> Answer:
+    """Find the largest smallest margin."""
+    joints = close_legs(falls, table, table.nominal, run_law(program.tau), must=False)
+    low, high = falls.model.joint_range
+    # where the nominal way is out of reach, each foothold is asked for alone before the whole is tried
+    if not np.all((joints >= low) & (joints <= high)):
+        fault = find_fault(falls, table, options)
+        if fault is not None:
+            raise fault
+    best = program.solve(falls, table, axes, np.nan_to_num(joints), weights=(1.0, 0.0, options.motion_weight))
     if best.violation > 1e-5:
         raise explain_fault(falls, table, options, best.violation * program.unit, best.status)
-    if not aim.is_timed:
-        least = best.margin - options.ease * abs(best.margin)
-        calm = program.solve(falls, table, axes, joints, weights=(0.0, 0.0, 1.0), margin=(least, np.inf), guess=best)
-        answer = calm if calm.violation <= 1e-6 else best
-    else:
-        answer = _solve_timed(falls, options, table, axes, aim, shape, best)
-    return _build_gait(falls, table, answer.control, answer.joints, s, down, answer.scale, answer.margin, answer.status)
+    return best
 
 
 def _ask_for_more(
@@ -216,6 +203,7 @@ def _solve_timed(
     aim: GaitAim,
     shape: ProgramShape,
     best: Answer,
+    last: Answer | None,
 ) -> Answer:
     """Find way, times and, where allowed, the length of the steps; shifts that take no time are left out then."""
     if aim.best == "speed" and best.margin < aim.margin + options.dip:
@@ -232,11 +220,11 @@ def _solve_timed(
     pace = np.inf if aim.pace is None else aim.pace
     K = shape.n_phases
     repeat = np.ones(K)
-    first, last = shape.cycle_phases
-    if not fast and last > first:
-        repeat = np.where((np.arange(K) >= first) & (np.arange(K) < last), 1.0, 0.0)
-    guess, used = best, replace(shape, is_timed=True)
-    if not fast:  # fast enough first, then as far from the edges as that allows
+    begin, end = shape.cycle_phases
+    if not fast and end > begin:
+        repeat = np.where((np.arange(K) >= begin) & (np.arange(K) < end), 1.0, 0.0)
+    guess, used = best if last is None else last, replace(shape, is_timed=True)
+    if not fast and last is None:  # fast enough first, then as far from the edges as that allows
         guess = _program(falls.model, used, options).solve(
             falls, table, axes, guess.joints, weights=(0.0, 1.0, 1e-2), scale=scale, repeat=repeat, guess=guess
         )
@@ -268,49 +256,6 @@ def _program(model: GaitModel, shape: ProgramShape, options: GaitOptions) -> Gai
     if key not in known:
         known[key] = GaitProgram(model, shape, options)
     return known[key]
-
-
-def _close(falls: Footfalls, table: PhaseTable, control: Array, s: Array, must: bool = True) -> Array:
-    """Give the joints at parameters s of all phases, shape (n_phases, n, n_joints)."""
-    model, basis, K = falls.model, bernstein(s), len(control)
-    normals = falls.normals()
-    feet = [table.foot_control(k, normals, falls.height).reshape(CONTROL, -1) for k in range(K)]
-    places = np.array([basis @ points for points in feet]).reshape(K * len(s), -1, 3)
-    poses = (basis @ control).reshape(K * len(s), 6)
-    X = model.solve(poses, places, model.rest) if must else model.reach(poses, places, model.rest)[0]
-    return X[:, model.machine.robot.mechanism.indices(model.joints)].reshape(K, len(s), -1)
-
-
-def _build_gait(
-    falls: Footfalls, table: PhaseTable, control: Array, joints: Array, s: Array, down: Array, scale: float,
-    margin: float, status: str,
-) -> Gait:  # fmt: skip
-    """Name the phases; those in which nothing moves are left out."""
-    if scale != 1.0:
-        falls = falls.scaled(scale)
-        table = PhaseTable.of(falls, down, swing_moves=True)
-    normals, phases = falls.normals(), []
-    begin, end, cycle = 0, 0, falls.cycle
-    parts = [lift.part for lift in falls.lifts]
-    for k in range(len(control)):
-        is_swing, i = bool(table.lifted[k] >= 0), int(table.lift[k])
-        lift = falls.lifts[i]
-        is_last = not is_swing and k == len(control) - 1 and not falls.is_periodic
-        doing = "swing" if is_swing else "shift to lift"
-        name = "back to rest" if is_last else f"{lift.part} {i - parts.index(lift.part) + 1}: {doing} {lift.foot}"
-        phase = GaitPhase(
-            name, "" if is_last else lift.foot, "swing" if is_swing else "shift", lift.part, control[k],
-            table.foot_control(k, normals, falls.height), joints[k], s,
-        )  # fmt: skip
-        if not is_last and i < cycle[0]:
-            begin += not phase.is_still
-        if not is_last and i < cycle[1]:
-            end += not phase.is_still
-        phases.append(phase)
-    return Gait(
-        falls.model, tuple(p for p in phases if not p.is_still), down, falls.travel, (begin, end), falls.cycle_travel,
-        scale, margin, len(s), status,
-    )  # fmt: skip
 
 
 def _check(gait: Gait, looked: Sequence[PhaseSamples], options: GaitOptions, least: float) -> None:
@@ -348,7 +293,3 @@ def _find_excess(gait: Gait, looked: Sequence[PhaseSamples], options: GaitOption
                 f"{np.min(found.regularity):.3g} of that at rest"
             )
     return None
-
-
-def _axis(gamma: float) -> Array:
-    return np.array([np.cos(gamma), np.sin(gamma), 0.0])

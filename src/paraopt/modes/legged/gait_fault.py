@@ -33,9 +33,7 @@ def name_worst(gait: Gait, looked: Sequence[PhaseSamples], worst: int) -> str:
 def explain_fault(
     falls: Footfalls, table: PhaseTable, options: GaitOptions, violation: float, status: str
 ) -> InfeasibleError:
-    """Find out which foothold of which phase cannot be reached, and whether a joint's range is to blame.
-
-    At the beginning, the middle and the end of each phase the trunk is put where all feet come nearest to their places.
+    """Say why the program of a whole gait has no solution.
 
     Args:
         falls: The footfalls.
@@ -46,6 +44,26 @@ def explain_fault(
 
     Returns:
         The error, to be raised.
+    """
+    return find_fault(falls, table, options) or InfeasibleError(
+        f"no trunk motion joins the phases: constraints are off by {1e3 * violation:.3g} mm at best ({status}), though "
+        "each foothold alone can be reached; let the trunk move farther, lower `regularity`, or take shorter steps",
+        gap=violation,
+    )
+
+
+def find_fault(falls: Footfalls, table: PhaseTable, options: GaitOptions) -> InfeasibleError | None:
+    """Find out which foothold of which phase cannot be reached, and whether a joint's range is to blame.
+
+    At the beginning, the middle and the end of each phase the trunk is put where all feet come nearest to their places.
+
+    Args:
+        falls: The footfalls.
+        table: Their phases.
+        options: What the trunk may do.
+
+    Returns:
+        The error, to be raised; None where each foothold can be reached.
     """
     model = falls.model
     program, unit = _build_nearest(model)
@@ -85,11 +103,7 @@ def explain_fault(
             else:
                 text += "; take a shorter step, or let the trunk move farther (`reach`, `free`)"
             return InfeasibleError(text, foot=name, phase=k, gap=float(gaps[foot]))
-    return InfeasibleError(
-        f"no trunk motion joins the phases: feet are off by {1e3 * violation:.3g} mm at best ({status}), though each "
-        "foothold alone can be reached; let the trunk move farther, lower `regularity`, or take shorter steps",
-        gap=violation,
-    )
+    return None
 
 
 def _build_nearest(model: GaitModel) -> tuple[ca.Function, float]:

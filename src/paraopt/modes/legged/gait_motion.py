@@ -152,10 +152,17 @@ class Gait:
         )
 
     def with_masses(self, factors: ArrayLike) -> Gait:
-        """Give the same motion of a machine whose links are heavier or lighter by factors, one for each mass."""
+        """Give the same motion of a machine whose links are heavier or lighter by factors, one for each mass.
+
+        Raises:
+            DefinitionError: There are not as many factors as masses.
+        """
         machine = self.model.machine
         masses = dict(machine.masses or {})
-        scaled = dict(zip(masses, np.array(list(masses.values())) * np.asarray(factors), strict=True))
+        shares = np.asarray(factors, dtype=float).ravel()
+        if len(shares) != len(masses):
+            raise DefinitionError(f"{len(shares)} factors are given for the masses of {len(masses)} links")
+        scaled = {link: float(mass * share) for (link, mass), share in zip(masses.items(), shares, strict=True)}
         heavier: LeggedMachine = replace(machine, masses=scaled)
         return replace(self, model=GaitModel(heavier))
 

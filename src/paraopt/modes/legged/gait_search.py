@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from paraopt.errors import InfeasibleError
 from paraopt.modes.legged.balance import measure_worst_support
-from paraopt.modes.legged.gait import DOWN, GaitAim, find_gait, list_orders
+from paraopt.modes.legged.gait import GaitAim, find_gait, list_orders
+from paraopt.modes.legged.gait_build import DOWN
 from paraopt.modes.legged.gait_model import GaitModel
 from paraopt.modes.legged.gait_motion import Gait
 from paraopt.modes.legged.gait_options import GaitOptions
