@@ -61,6 +61,7 @@ def test_a_step_on_level_ground() -> None:
     step = tripod_step(walker(), HOME, FEET, ahead(), options=QUICK)
     assert [leg.leg for leg in step.legs] == [1, 2, 3]
     check_chain(step, ahead())
+    assert step.summary.count("from a tilt of 0.3 rad 0.0") == 3
     phases = step.phases()
     assert [p.name for p in phases][:2] == ["reconfiguration for foot 1", "swing of foot 1"]
     assert len(phases) == 6
@@ -182,6 +183,15 @@ def test_the_tip_follows_the_way_of_the_tool() -> None:
     names = walker().robot.mechanism.names
     assert X.shape == (401, len(names))
     assert walker().robot.kinematics.scaled_residual(X).max() < 1e-12
+
+
+def test_a_turned_work_is_the_same_work_turned() -> None:
+    """In position and orientation, as a rigid body."""
+    s = np.linspace(0, 1, 23)
+    here, there = lean_round(0.03, 0.12, 0.2)(s), lean_round(0.03, 0.12, 0.2, (0.1, -0.2, 0.05), 0.4)(s)
+    R = np.asarray(rotation_about("z", 0.4))
+    assert_allclose(there[:, :3], here[:, :3] @ R.T + [0.1, -0.2, 0.05], atol=1e-12)
+    assert_allclose(rotations(there), R @ rotations(here), atol=1e-12)
 
 
 def test_ways_of_the_tool_that_cannot_be_are_refused() -> None:
