@@ -99,10 +99,10 @@ class QuadraticProgram:
 
     @cached_property
     def _dual(self) -> tuple[Array, Array, Array]:
-        """Give all rows, those of the entries after G; the inverse of P; and `rows P^-1 rows^T`."""
+        """Give all rows, those of the entries after G; the inverse of P; and `rows P^-1`."""
         rows = np.vstack([self.G, np.eye(len(self.q))])
         inverse = np.asarray(np.linalg.inv(self.P), dtype=float)
-        return rows, inverse, np.asarray(rows @ inverse @ rows.T)
+        return rows, inverse, np.vstack([self.G @ inverse, inverse])
 
     def _exchange(self, side: NDArray[np.intp], rounds: int) -> Optimum | None:
         """Hold some rows at their bounds; then let go the one that pulls most, or hold the one that is most broken.
@@ -114,24 +114,23 @@ class QuadraticProgram:
         Returns:
             The optimum, or None where the exchanges do not come to an end, or the rows held depend on each other.
         """
-        rows, inverse, M = self._dual
+        rows, inverse, bent = self._dual
         k = len(self.h)
         upper, lower = np.concatenate([self.h, self.high]), np.concatenate([np.full(k, -np.inf), self.low])
-        free = -inverse @ self.q
-        met = rows @ free
+        free, met = -inverse @ self.q, -bent @ self.q
         side = side.copy()
         for _ in range(rounds):
             held = np.flatnonzero(side)
             bound = np.where(side > 0, upper, lower)[held]
             try:
-                pressure = np.linalg.solve(M[held[:, None], held], met[held] - bound)
+                pressure = np.linalg.solve(bent[held] @ rows[held].T, met[held] - bound)
             except np.linalg.LinAlgError:
                 return None
             pull = -side[held] * pressure
             if np.max(pull, initial=0.0) > 1e-9:
                 side[held[np.argmax(pull)]] = 0
                 continue
-            value = met - M[:, held] @ pressure
+            value = met - bent @ (rows[held].T @ pressure)
             beyond = np.maximum(value - upper, lower - value)
             worst = int(np.argmax(beyond))
             if beyond[worst] > 1e-8:

@@ -100,10 +100,14 @@ def solve_by_sqp(
         penalty = max(penalty, min(1.5 * float(np.sum(np.abs(step.multipliers))), _DEAREST))
         promised = -(grad @ step.d + 0.5 * step.d @ H @ step.d) + penalty * (out - step.relaxed)
         trial = np.clip(x + step.d, *box)
+        is_last = promised <= 0.3 * tolerance and step.relaxed <= 1e-7
+        if is_last and out <= 1e-9:
+            status, lam = "converged", step.multipliers
+            break
         new = evaluation(trial)
         gained = gain(new)
         size = float(np.max(np.abs(step.d), initial=0.0))
-        if promised <= 0.3 * tolerance and step.relaxed <= 1e-7:
+        if is_last:
             status, lam = "converged", step.multipliers
             x = trial if gained > 0 else x
             break

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from paraopt.errors import DefinitionError, ParaoptError
@@ -106,6 +107,7 @@ class Evaluation:
         self.n_x = self.n_y + self.n_level + self.n_b
         self.n_g = self.n * self.per_sample + len(self.balls) + self.n_rows
         self._flat = self.moves.reshape(self.n * self.m, self.n_y)
+        self._thin = sp.csr_matrix(self._flat.T)  # a sample moves with few control points
         self._start_b = self.n_y + self.n_level
         energy = objective.length * space.energy(1)
         if objective.bending:
@@ -171,7 +173,8 @@ class Evaluation:
         """Change the weight of the barriers, as they are driven down."""
         if weight != self.barriers.weight:
             self.barriers = replace(self.barriers, weight=weight)
-            self._last = None
+            if self._last is not None:  # the samples are where they were
+                self._last = self._compute(self._last.x, self._last.values)
 
     def at(self, x: Array) -> _Point:
         """Evaluate at x, or recall the last result."""
@@ -179,9 +182,10 @@ class Evaluation:
             self._last = self._compute(np.array(x))
         return self._last
 
-    def _compute(self, x: Array) -> _Point:
-        y = x[: self.n_y]
-        v = self.evaluator((self.points + self.moves @ y) * self.to_physical) if np.all(np.isfinite(x)) else None
+    def _compute(self, x: Array, known: SampleValues | None = None) -> _Point:
+        y, v = x[: self.n_y], known
+        if v is None and np.all(np.isfinite(x)):
+            v = self.evaluator((self.points + self.moves @ y) * self.to_physical)
         if v is None or not v.converged:  # the solver takes a shorter step
             nan = np.full(len(self.pattern[0]), np.nan)
             return _Point(x, np.nan, np.full(self.n_x, np.nan), np.full(self.n_g, np.nan), nan, None)
@@ -290,7 +294,7 @@ class Evaluation:
             if u and np.any(on_conditions):
                 W = W + self.evaluator.conditions.curvature(v.X, v.T, second, on_conditions)
         scaled = W * self.to_physical[:, None] * self.to_physical
-        H[y, y] += self._flat.T @ (scaled @ self.moves).reshape(self.n * self.m, self.n_y)
+        H[y, y] += self._thin @ (scaled @ self.moves).reshape(self.n * self.m, self.n_y)
         return H
 
     def _add_time(self, H: Array, x: Array, v: SampleValues, weight_f: float, multipliers: Array) -> Array:

@@ -37,6 +37,7 @@ class Refined:
         multipliers: Those of the constraints at the end; they make a fresh start short.
         duration: Duration under the limits of the drives [s], where it was made small; else nan.
         speeds: Parameters and squared path speeds there [1/s^2], where they are known.
+        slack: What was added to the margins at the samples so that they hold between them.
     """
 
     path: Path
@@ -51,6 +52,7 @@ class Refined:
     multipliers: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     duration: float = np.nan
     speeds: tuple[Array, Array] | None = field(default=None, repr=False)
+    slack: Slack | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,7 @@ class SplineRefiner(NlpOptions):
                 return Refined(
                     path, length, iterations, round_, stats["weight"], len(nlp.samples), evaluations,
                     stats["objective"], nlp.evaluator.pairs, stats["multipliers"], speeds=nlp.speeds(x),
+                    slack=state.slack,
                 )  # fmt: skip
             if violation is None:
                 if len(seed.points) == 2 and (straight := self._straight(nlp)) is not None:
@@ -180,7 +183,8 @@ class SplineRefiner(NlpOptions):
             return _State(slack)
         knots, samples = warm.path.spline.t, warm.path.anchors
         return _State(
-            slack, warm.pairs, knots, samples, warm.path.spline, warm.path.anchor_X[1:-1], warm.multipliers, warm.speeds
+            warm.slack or slack, warm.pairs, knots, samples, warm.path.spline, warm.path.anchor_X[1:-1],
+            warm.multipliers, warm.speeds,
         )  # fmt: skip
 
     def _solve(self, nlp: Nlp, options: NlpOptions, state: _State, seed: Seed) -> tuple[Array, dict[str, Any]]:
