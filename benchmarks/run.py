@@ -2,7 +2,7 @@
 
 python benchmarks/run.py                       # everything, a few minutes
 python benchmarks/run.py --only evaluations    # or peers, forward, stages, refine, retime, clearance, stacked, cables,
-                                               # tripod, seeds
+                                               # legged, tripod, seeds
 python benchmarks/run.py --cold                # also the first compilation, into an empty cache
 python benchmarks/run.py --json bench.json
 """
@@ -30,6 +30,7 @@ SECTIONS = (
     "clearance",
     "stacked",
     "cables",
+    "legged",
     "tripod",
     "seeds",
 )

@@ -153,7 +153,8 @@ def build_walk(
 
     In the start the first half of the feet take half a step; the cycle goes on with the other half, whole steps all;
     in the end that other half takes half a step. The trunk's nominal way is as long as that of the feet: a share of
-    `step / n_feet` for a whole step, half of it for a half step.
+    `step / n_feet` for a whole step, half of it for a half step; the whole share everywhere, as printed, would take it
+    farther than the feet.
 
     Args:
         model: The machine; an even number of feet.
@@ -170,8 +171,7 @@ def build_walk(
     Raises:
         DefinitionError: The order does not name every foot once; the machine at rest does not stand on the support.
 
-    Source: Lahouar, IV.3.2; the trunk's share in half steps is half of the printed one, so that it arrives with the
-        feet.
+    Source: Lahouar, IV.3.2.
     """
     names = model.machine.names
     order = tuple(names if order is None else order)
