@@ -45,24 +45,19 @@ def script() -> ModuleType:
     return module
 
 
-@pytest.fixture(scope="module")
-def scenario(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
-    """Run the script with nothing but its defaults."""
-    folder = tmp_path_factory.mktemp("scenario")
-    return _run(cwd=folder), folder / "out" / "tripod-scenario"
-
-
-def test_the_scenario_is_certified(scenario: tuple[subprocess.CompletedProcess[str], Path]) -> None:
-    run, folder = scenario
+def _run_task(task: str, folder: Path) -> tuple[str, Path]:
+    """Run a task with its defaults, certified; give what it says and the folder of its files."""
+    run = _run("--task", task, cwd=folder)
     assert run.returncode == 0, run.stderr
     assert "Warning" not in run.stderr
     assert run.stdout.startswith("tripod: certified motion of ")
-    assert re.search(r"planned 9 phases in \d+\.\d s, lock poses included", run.stdout)
-    assert {p.name for p in folder.iterdir()} == FILES
+    output = folder / "out" / f"tripod-{task}"
+    assert {p.name for p in output.iterdir()} == FILES
+    report = json.loads((output / "report.json").read_text())
+    assert report["certificate"]["passed"] is True
     for found, tilt in re.findall(r"over its swing (0\.\d+), from a tilt of 0\.3 rad (0\.\d+)", run.stdout):
         assert float(found) > 2.5 * float(tilt)
-    report = json.loads((folder / "report.json").read_text())
-    assert report["certificate"]["passed"] is True
+    return run.stdout, output
 
 
 def _frame(q: dict[str, Array], prefix: str = "") -> tuple[Array, Rotation]:
@@ -70,9 +65,28 @@ def _frame(q: dict[str, Array], prefix: str = "") -> tuple[Array, Rotation]:
     return place, Rotation.from_euler("ZYX", np.column_stack([q[f"{prefix}{c}"] for c in ("gamma", "beta", "alpha")]))
 
 
-def test_the_file_holds_a_motion_of_the_machine(scenario: tuple[subprocess.CompletedProcess[str], Path]) -> None:
-    """Every millisecond: lengths of actuators, locked joints, standing feet, limits, the way of the tool."""
-    table = read_trajectory(scenario[1] / "trajectory.csv")
+def test_a_swing(tmp_path: Path) -> None:
+    told, output = _run_task("swing", tmp_path)
+    assert re.search(r"planned 2 phases in \d+\.\d s, lock poses included", told)
+    check_motion(output, {1: 0.08})
+
+
+@pytest.mark.slow
+def test_the_scenario(tmp_path: Path) -> None:
+    told, output = _run_task("scenario", tmp_path)
+    assert re.search(r"planned 9 phases in \d+\.\d s, lock poses included", told)
+    origin, R = check_motion(output, dict.fromkeys(LEGS, 0.06))
+    # both works: the tip runs round its circle
+    tip = origin + R.apply([0.0, 0.0, -0.1])
+    for place, at in ((0.0, tip[:400]), (0.06, tip[-400:])):
+        radius = np.linalg.norm(at[:, :2] - [place, 0.0], axis=1)
+        assert np.max(np.abs(radius - 0.03)) < 3e-6
+        assert np.max(np.abs(at[:, 2] - 0.2)) < 3e-6
+
+
+def check_motion(folder: Path, steps: dict[int, float]) -> tuple[Array, Rotation]:
+    """Check a file every millisecond: lengths of actuators, limits, locked joints, feet; give the platform's frames."""
+    table = read_trajectory(folder / "trajectory.csv")
     q = {m[1]: table[c] for c in table.columns if (m := re.fullmatch(r"\w+ (.+) \[(?:m|rad)\]", c))}
     q = {name: values for name, values in q.items() if not name.endswith(("velocity", "acceleration"))}
     origin, R = _frame(q)
@@ -95,8 +109,10 @@ def test_the_file_holds_a_motion_of_the_machine(scenario: tuple[subprocess.Compl
     assert np.max(np.sum(moving, axis=1)) == 1  # at most one foot is off
     assert np.min(feet[:, :, 2]) >= 0.0
     assert np.max(feet[:, :, 2]) == pytest.approx(0.03, abs=2e-3)
-    np.testing.assert_allclose(feet[-1] - feet[0], np.tile([0.06, 0, 0, 0, 0, 0], (3, 1)), atol=1e-9)
     for i in LEGS:
+        expected = np.array([steps.get(i, 0.0), 0, 0, 0, 0, 0])
+        np.testing.assert_allclose(feet[-1, i - 1] - feet[0, i - 1], expected, atol=1e-9)
+    for i in steps:
         # while leg i is in the air the plane of each leg's actuators keeps its direction about its foot: q1
         air = np.flatnonzero(moving[:, i - 1])
         air = np.arange(air[0], air[-1] + 1)
@@ -104,12 +120,7 @@ def test_the_file_holds_a_motion_of_the_machine(scenario: tuple[subprocess.Compl
             turn = np.arctan2(directions[k][air, 1], directions[k][air, 0])
             assert np.ptp(turn) < 1e-8
             assert k != i or np.ptp(directions[k][air], axis=0).max() < 1e-8  # and q2 of leg i
-    # both works: the tip runs round its circle
-    tip = origin + R.apply([0.0, 0.0, -0.1])
-    for place, at in ((0.0, tip[:400]), (0.06, tip[-400:])):
-        radius = np.linalg.norm(at[:, :2] - [place, 0.0], axis=1)
-        assert np.max(np.abs(radius - 0.03)) < 3e-6
-        assert np.max(np.abs(at[:, 2] - 0.2)) < 3e-6
+    return origin, R
 
 
 def test_help_tells_the_parameters(tmp_path: Path) -> None:
@@ -135,7 +146,11 @@ def test_help_tells_the_parameters(tmp_path: Path) -> None:
     ("parameters", "kind", "words"),
     [
         ({"task": "swing", "bar": 0.03}, "InfeasibleError", "phase 'swing of foot 1': foot 1, lifted by 30 mm, comes"),
-        ({"task": "step", "shift": (0.7, 0.0, 0.0)}, "InfeasibleError", "phase 'swing of foot 1': foot 1 cannot reach"),
+        (
+            {"task": "swing", "shift": (0.7, 0.0, 0.0)},
+            "InfeasibleError",
+            "phase 'swing of foot 1': foot 1 cannot",
+        ),
         ({"work": (0.03, 0.12, 0.4)}, "InfeasibleError", "phase 'machining': 'q"),
         ({"task": "swing", "limits": (0.0, 1.0, 20.0)}, "DefinitionError", "velocity limit of 'qL 1' is 0.0"),
         ({"task": "swing", "lift": -0.1}, "DefinitionError", "lift of foot 1 is -0.1 m"),
