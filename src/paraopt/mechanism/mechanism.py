@@ -148,6 +148,11 @@ class Mechanism:
         """Give the characteristic length [m], stated or computed."""
         if self.characteristic_length is not None:
             return float(self.characteristic_length)
+        return self.size
+
+    @cached_property
+    def size(self) -> float:
+        """Give the mean distance between the points of the description [m], 1 where there are none."""
         points = [link.at for link in self.links if isinstance(link, Series)]
         points += [p for c in self.closures for p in c.points]
         distances = [float(np.linalg.norm(p)) for p in points]

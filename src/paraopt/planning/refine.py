@@ -203,7 +203,7 @@ class SplineRefiner(NlpOptions):
         if not problem.scene.pairs:
             return 0.0
         n = self.samples_per_control * self.count_controls(seed)
-        return (seed.length / n) ** 2 / problem.robot.mechanism.length
+        return float((seed.length / n) ** 2 / problem.robot.mechanism.size)
 
     def _straight(self, nlp: Nlp) -> Path | None:
         """Give the straight path if it holds on a dense check."""

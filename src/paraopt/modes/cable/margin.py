@@ -46,15 +46,17 @@ class TensionMargin:
     robot: CableRobot
     mechanism: Mechanism | None = None
     margin: float = 0.0
-    lowest: int | None = 8
+    lowest: int | None = 2
     scale: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "margin", read_number(self.margin, "tension margin", "N", lowest=0.0))
         if self.scale is not None:
             object.__setattr__(self, "scale", read_number(self.scale, "scale of the tension margin", "N", above=0.0))
-        if self.lowest is not None and self.lowest < 1:
-            raise DefinitionError(f"number of nearest facets is {self.lowest!r}; it must be at least 1, or None")
+        if self.lowest is not None and not (isinstance(self.lowest, (int, np.integer)) and self.lowest >= 1):
+            raise DefinitionError(
+                f"number of nearest facets is {self.lowest!r}; it must be a whole number, at least 1, or None"
+            )
         _ = self._places  # a mechanism without the coordinates is refused here
 
     @cached_property
