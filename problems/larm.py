@@ -95,7 +95,7 @@ def build_rise(p: Parameters) -> Task:
 def build_ipanema(p: Parameters) -> Task:
     """Read IPAnema 1 and put a ball in its way."""
     plate = po.Box(name="plate", size=(0.12, 0.12, 0.04))
-    cables = replace(load_caspr(p.caspr).robot, velocity=2.0, acceleration=10.0, jerk=100.0, solids=[plate], t_min=10.0)
+    cables = replace(load_caspr(p.caspr).robot, velocity=1.0, acceleration=3.0, jerk=60.0, solids=[plate], t_min=10.0)
     ball = po.Sphere(name="ball", radius=0.15, pose=po.transform((0, 0, 1.0)))
     level = dict.fromkeys(cables.coordinates, 0.0)
     places = [("start", level | {"x": -0.8, "y": 0.1, "z": 1.0}), ("goal", level | {"x": 0.8, "y": 0.1, "z": 1.0})]
