@@ -5,6 +5,7 @@ from paraopt.view.cable_motion import save_cables, write_cable_page
 from paraopt.view.cable_scene import draw_cable_scene
 from paraopt.view.content import Body, CableLine, Mark, PathLine, Phase, Readout
 from paraopt.view.figures import draw_actuators, draw_margins, draw_series, save_figure
+from paraopt.view.legged_actuators import draw_leg_actuators
 from paraopt.view.legged_figures import draw_balance, draw_footfalls, draw_support_margin
 from paraopt.view.legged_filmstrip import draw_filmstrip
 from paraopt.view.legged_motion import draw_legged, list_page_phases, save_legged, write_legged_page
@@ -29,6 +30,7 @@ __all__ = [
     "draw_cable_workspace",
     "draw_filmstrip",
     "draw_footfalls",
+    "draw_leg_actuators",
     "draw_legged",
     "draw_lengths",
     "draw_link_graph",

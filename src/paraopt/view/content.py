@@ -48,19 +48,23 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class CableLine:
-    """Hold a straight cable between points of two frames, whose ends move with them.
+    """Hold a straight cable, or a line like one, between points of two frames, whose ends move with them.
 
     Attributes:
         name: Name, shown when the pointer rests on the cable.
         frames: Index of the frame of each end in the `poses` of the page; -1 stands for the world.
         points: Each end in its frame [m], shape (2, 3); read-only.
         radius: Radius [m]; a page draws thin cables somewhat thicker, so that they are seen.
+        label: What the legend calls it; lines of one label have one colour.
+        color: "#RRGGBB", or "" for that of cables.
     """
 
     name: str
     frames: tuple[int, int]
     points: NDArray[np.float64]
     radius: float
+    label: str = "Cables"
+    color: str = ""
 
     def __post_init__(self) -> None:
         if not (isinstance(self.frames, tuple | list) and len(self.frames) == 2):
@@ -74,6 +78,9 @@ class CableLine:
         if radius <= 0.0:
             raise DefinitionError(f"radius of cable {self.name!r} is {radius} m; it must be above 0")
         object.__setattr__(self, "radius", radius)
+        if not (isinstance(self.label, str) and self.label):
+            raise DefinitionError(f"label of cable {self.name!r} is {self.label!r}; it must say in words what it is")
+        check_color(self.color, f"color of cable {self.name!r}")
 
 
 @dataclass(frozen=True, eq=False)

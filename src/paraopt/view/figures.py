@@ -315,8 +315,16 @@ def _mark_least(axes: Axes, t: NDArray[np.float64], curves: Mapping[str, NDArray
 
 
 def _place_legend(axes: Axes, count: int) -> None:
-    """Put the legend above the axes, in a row where it fits."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=min(count, 6), borderaxespad=0.2, columnspacing=1.2)
+    """Put the legend above the axes, in a row where it fits; a wider one would push the axes aside."""
+    panels, letters = 1, max((len(label) for label in axes.get_legend_handles_labels()[1]), default=0)
+    if (place := axes.get_subplotspec()) is not None:
+        panels = place.get_gridspec().ncols
+    # inches: room beside the ticks, and an entry of handle and letters of 8.5 points
+    figure = axes.get_figure(root=True)
+    width = 7.4 if figure is None else float(figure.get_size_inches()[0])
+    room, entry = width / panels - 0.4, 0.45 + 0.075 * letters
+    columns = max(1, min(count, 6, int(room / entry)))
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.2, columnspacing=1.2)
 
 
 def _print(value: float) -> str:

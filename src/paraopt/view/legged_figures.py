@@ -179,7 +179,9 @@ def draw_balance(plan: LeggedPlan, *, count: int = 60, title: str | None = None)
             corners = factor * build_polygon(machine, X[0], mark.standing, plan.task.down).points[:, :2]
             axes.add_patch(Polygon(corners, facecolor=color, alpha=0.06, edgecolor="none", zorder=1))
             axes.add_patch(Polygon(corners, facecolor="none", edgecolor=color, linewidth=0.7, alpha=0.6, zorder=1.5))
-        axes.plot(*(factor * centre[:, :2]).T, color=color if mark.lifted else style.INK, linewidth=1.6, zorder=3)
+        # while a foot is lifted it often hardly moves: there it is thick, in the colour of its polygon
+        wide: Any = {"color": color, "linewidth": 4.5} if mark.lifted else {"color": style.INK, "linewidth": 1.6}
+        axes.plot(*(factor * centre[:, :2]).T, solid_capstyle="round", zorder=3.5 if mark.lifted else 3, **wide)
     for k, name in enumerate(machine.names):
         ways = factor * np.vstack([points[:, k, :2] for points in contacts])
         stood = [p[0, k, :2] for p, mark in zip(contacts, marks, strict=True) if name in mark.standing]
@@ -188,6 +190,7 @@ def draw_balance(plan: LeggedPlan, *, count: int = 60, title: str | None = None)
         look: Any = {"markersize": 5, "linestyle": "none", "zorder": 4, "color": color}
         axes.plot(*(factor * np.array(stood).reshape(-1, 2)).T, marker="o", label=name, **look)
     axes.plot([], [], color=style.INK, linewidth=1.6, label="centre of gravity")
+    axes.plot([], [], color=style.MUTED, linewidth=4.5, label="while a foot is lifted")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=axis_label("x", unit), ylabel=axis_label("y", unit))
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2, columnspacing=1.2)

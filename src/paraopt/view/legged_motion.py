@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,14 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.io import build_legged_report, write_legged_trajectory, write_report
-from paraopt.modes.legged import LeggedMachine, LeggedPlan, PhaseMark, measure_centre, measure_height
+from paraopt.modes.legged import (
+    LeggedMachine,
+    LeggedPlan,
+    build_polygon,
+    drop_onto,
+    measure_centre,
+    measure_height,
+)
 from paraopt.scene import Scene
 from paraopt.view import style
-from paraopt.view.content import PathLine, Phase, Readout
-from paraopt.view.figures import draw_actuators, save_figure
+from paraopt.view.content import CableLine, Mark, PathLine, Phase, Readout
+from paraopt.view.figures import save_figure
+from paraopt.view.legged_actuators import draw_leg_actuators
 from paraopt.view.legged_figures import draw_balance, draw_footfalls, draw_support_margin
 from paraopt.view.legged_filmstrip import draw_filmstrip
-from paraopt.view.motion import list_page_bodies, mark_link
+from paraopt.view.motion import list_page_bodies, list_page_cables, mark_link
 from paraopt.view.page import write_page
 
 if TYPE_CHECKING:
@@ -40,24 +49,8 @@ def draw_legged(
     Returns:
         Figures by name: "actuators", "footfalls", "filmstrip"; "margin" and "balance" where a support margin is asked.
     """
-    mechanism, limits = plan.task.machine.robot.mechanism, plan.phases[0].problem.bounds
-    state = plan.trajectory.state(np.linspace(0.0, plan.trajectory.duration, 1601))
-    names, a = tuple(mechanism.active), len(mechanism.active)
-    low, high = limits.bounds(mechanism)
-    velocity, acceleration = (limits.of(q, names) for q in ("velocity", "acceleration"))
     figures = {
-        "actuators": draw_actuators(
-            state.t,
-            names,
-            state.X[:, :a],
-            state.velocity[:, :a],
-            state.acceleration[:, :a],
-            units=[v.unit for v in mechanism.variables[:a]],
-            position_limits=np.column_stack([low[:a], high[:a]]),
-            velocity_limits=np.column_stack([-velocity, velocity]),
-            acceleration_limits=np.column_stack([-acceleration, acceleration]),
-            title=f"{plan.task.machine.robot.name}: actuators",
-        ),
+        "actuators": draw_leg_actuators(plan),
         "footfalls": draw_footfalls(plan.trajectory.marks, feet=plan.task.machine.names),
         "filmstrip": draw_filmstrip(plan),
     }
@@ -86,29 +79,30 @@ def write_legged_page(path: str | os.PathLike[str], plan: LeggedPlan, frames_per
     count = max(2, int(np.ceil(trajectory.duration * frames_per_second)) + 1)
     t = np.linspace(0.0, trajectory.duration, count)
     X = trajectory(t)
-    readouts = [Readout("feet that stand", "", np.array([float(len(m.standing)) for m in _marks_at(plan, t)]))]
-    if np.any(np.isfinite(certificate.margin)):
-        known = np.isfinite(certificate.margin)
-        margin = 1e3 * np.interp(t, certificate.t[known], certificate.margin[known])
-        bound = 1e3 * min(p.phase.stability for p in plan.phases if p.phase.stability is not None)
-        readouts.insert(0, Readout("support margin", "mm", margin, bound))
-    for foot, height in zip(machine.names, _heights(plan, X).T, strict=True):
-        readouts.append(Readout(f"height of {foot}", "mm", 1e3 * height))
     centre = measure_centre(machine, X)
     ends = machine.contacts(X)[0]
     paths = [PathLine("centre of gravity", centre, color=style.INK)]
     paths += [PathLine(f"way of {foot}", ends[:, k]) for k, foot in enumerate(machine.names)]
+    frames, lines = follow_support(plan, t, X)
+    phases = list_page_phases(plan)
+    if lines:
+        # the first of the frames added is where the centre of gravity presses on the ground
+        below = Mark("point below the centre of gravity", len(robot.mechanism.links), (0.0, 0.0, 0.0), style.INK)
+        asked = [planned.phase.stability is not None for planned in plan.phases]
+        phases = tuple(replace(p, marks=(*p.marks, below)) if a else p for p, a in zip(phases, asked, strict=True))
     return write_page(
         path,
         title=f"{robot.name}: {'certified' if certificate.passed else 'NOT certified'} motion in "
         f"{len(trajectory.marks)} phases",
         bodies=list_page_bodies(plan.task.scene or Scene(robot)),
         times=t,
-        poses=robot.kinematics.poses(X),
+        poses=np.concatenate([robot.kinematics.poses(X), frames], axis=1),
+        cables=[*list_page_cables(plan.task.scene or Scene(robot)), *lines],
         paths=paths,
-        readouts=readouts[:6],
-        phases=list_page_phases(plan),
-        caption=f"{trajectory.duration:.3f} s; feet that stand, feet in the air and locked joints are marked",
+        readouts=_list_readouts(plan, t, X),
+        phases=phases,
+        caption=f"{trajectory.duration:.3f} s; feet that stand, feet in the air and locked joints are marked"
+        + ("; the centre of gravity stays over the support polygon" if lines else ""),
     )
 
 
@@ -167,8 +161,66 @@ def save_legged(
     return files
 
 
-def _marks_at(plan: LeggedPlan, t: Array) -> list[PhaseMark]:
-    return [plan.trajectory.marks[k] for k in plan.trajectory.phase_at(t).tolist()]
+def follow_support(plan: LeggedPlan, t: Array, X: Array) -> tuple[Array, tuple[CableLine, ...]]:
+    """Follow the support polygon, and the point of the ground under the centre of gravity, for a page.
+
+    Args:
+        plan: The plan.
+        t: Times of the motion [s], shape (n,).
+        X: Configurations then, shape (n, n_variables).
+
+    Returns:
+        Poses of frames that come after those of the links, shape (n, k, 4, 4), and the edges as lines between them;
+        neither where no phase asks for a support margin.
+    """
+    machine, task = plan.task.machine, plan.task
+    polygons = {
+        k: build_polygon(machine, planned.problem.start_configuration.X, planned.phase.standing, task.down)
+        for k, planned in enumerate(plan.phases)
+        if planned.phase.stability is not None and planned.phase.standing
+    }
+    corners = max((len(polygon.corners) for polygon in polygons.values()), default=0)
+    count = corners + 2 if corners else 0
+    frames = np.tile(np.eye(4), (len(t), count, 1, 1))
+    if not corners:
+        return frames, ()
+    frames[:, 0, :3, 3] = drop_onto(task.support, measure_centre(machine, X), task.down)
+    running = plan.trajectory.phase_at(t)
+    for k, polygon in polygons.items():
+        # a polygon of fewer corners than the largest closes early, and lies in its first corner from there on
+        order = [j if j < len(polygon.points) else 0 for j in range(corners + 1)]
+        frames[running == k, 1:, :3, 3] = polygon.points[order]
+    size = max(float(np.max(np.ptp(polygon.points, axis=0))) for polygon in polygons.values())
+    radius, start = 0.006 * max(size, 1e-3), len(machine.robot.mechanism.links) + 1
+    lines = tuple(
+        CableLine(
+            f"edge {j + 1} of the support polygon", (start + j, start + j + 1), np.zeros((2, 3)), radius,
+            "support polygon", style.GREEN,
+        )
+        for j in range(corners)
+    )  # fmt: skip
+    return frames, lines
+
+
+def _list_readouts(plan: LeggedPlan, t: Array, X: Array) -> list[Readout]:
+    """List what a page tells in numbers: margins, and how high the feet are."""
+    certificate, machine = plan.certificate, plan.task.machine
+    found = []
+    asked = [p.phase.stability for p in plan.phases if p.phase.stability is not None]
+    for name, values, bound in (
+        ("support margin", certificate.margin, min(asked, default=None)),
+        ("with inertia", certificate.tipping, plan.task.tipping),
+    ):
+        known = np.isfinite(values)
+        if np.any(known):
+            margin = 1e3 * np.interp(t, certificate.t[known], values[known])
+            found.append(Readout(name, "mm", margin, None if bound is None else 1e3 * bound))
+    # a foot on the ground is at zero, not at what rounding leaves
+    heights = np.round(1e3 * _heights(plan, X), 6)
+    lifted = [k for k, foot in enumerate(machine.names) if any(foot in mark.lifted for mark in plan.trajectory.marks)]
+    if len(lifted) > 4:  # there is room for four; of many feet the highest is told
+        return [*found, Readout("highest foot", "mm", heights.max(axis=1))]
+    return [*found, *(Readout(f"{machine.names[k]} up", "mm", heights[:, k]) for k in lifted)]
 
 
 def _heights(plan: LeggedPlan, X: Array) -> Array:

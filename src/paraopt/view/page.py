@@ -169,6 +169,8 @@ def build_page(
                 "frames": [place[frame] for frame in cable.frames],
                 "points": np.round(cable.points, 9).tolist(),
                 "radius": cable.radius,
+                "label": cable.label,
+                "color": cable.color or style.CABLE,
             }
             for cable in cables
         ],

@@ -34,6 +34,8 @@ BALL = po.Sphere(radius=0.1)
         (lambda: Readout("speed", "m/s", [1.0], bound=np.nan), "bound of readout 'speed'"),
         (lambda: Readout("speed", "m/s", [1.0], side="above"), "side of readout 'speed': 'above'"),
         (lambda: CableLine("rope", (0, -2), np.zeros((2, 3)), 0.1), "frame of cable 'rope' is -2"),
+        (lambda: CableLine("rope", (0, -1), np.zeros((2, 3)), 0.1, label=""), "label of cable 'rope' is ''"),
+        (lambda: CableLine("rope", (0, -1), np.zeros((2, 3)), 0.1, color="red"), "color of cable 'rope'"),
         (lambda: CableLine("rope", (0,), np.zeros((2, 3)), 0.1), "frames of cable 'rope' are"),  # type: ignore[arg-type]
         (lambda: CableLine("rope", (0, 1), np.zeros((1, 3)), 0.1), r"points of cable 'rope': shape is \(1, 3\)"),
         (lambda: CableLine("rope", (0, 1), np.full((2, 3), np.nan), 0.1), "points of cable 'rope': entry"),

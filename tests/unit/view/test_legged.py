@@ -12,15 +12,26 @@ import pytest
 
 import paraopt as po
 from paraopt.io import read_trajectory, tabulate_legged
-from paraopt.modes.legged import LeggedPlan, LeggedTask, Phase, PhaseMark, PlaneSupport, plan_legged
+from paraopt.modes.legged import (
+    LeggedPlan,
+    LeggedTask,
+    Phase,
+    PhaseMark,
+    PlaneSupport,
+    build_polygon,
+    measure_centre,
+    plan_legged,
+)
 from paraopt.view import (
     draw_balance,
     draw_filmstrip,
     draw_footfalls,
+    draw_leg_actuators,
     draw_support_margin,
     list_page_phases,
     save_legged,
 )
+from paraopt.view.legged_motion import follow_support
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +106,43 @@ def test_the_page_marks_feet_and_locks(plan: LeggedPlan) -> None:
     assert (shift.begin, shift.end, lift.end) == (0.0, lift.begin, plan.trajectory.duration)
 
 
+def test_the_page_draws_the_support_polygon_and_where_weight_presses(plan: LeggedPlan) -> None:
+    t = np.array([0.5, 1.0, 1.01, 1.5]) * plan.trajectory.borders[1]
+    X = plan.trajectory(t)
+    frames, lines = follow_support(plan, t, X)
+    assert len(lines) == 4  # as many as the largest polygon has
+    links = len(plan.task.machine.robot.mechanism.links)
+    ends = np.array([[[frames[i, f - links, :3, 3] for f in line.frames] for line in lines] for i in range(len(t))])
+    lengths = np.linalg.norm(ends[..., 0, :] - ends[..., 1, :], axis=-1)
+    assert np.all(lengths[0] > 0.1)
+    feet = plan.task.machine.contacts(X)[1]
+    for i, standing in ((0, plan.task.machine.names), (3, plan.phases[1].phase.standing)):
+        polygon = build_polygon(plan.task.machine, X[i], standing)
+        around = sum(np.linalg.norm(np.roll(polygon.points, -1, axis=0) - polygon.points, axis=1))
+        assert lengths[i].sum() == pytest.approx(around)
+        assert np.max(np.min(np.linalg.norm(ends[i].reshape(-1, 1, 3) - feet[i], axis=2), axis=1)) < 1e-12
+    assert np.array_equal(ends[1], ends[3])  # where phases meet it is that of the later one
+    centre = measure_centre(plan.task.machine, X)
+    np.testing.assert_allclose(frames[:, 0, :3, 3], np.column_stack([centre[:, :2], np.full(4, -0.155)]), atol=1e-12)
+    free = replace(plan, phases=tuple(replace(p, phase=replace(p.phase, stability=None)) for p in plan.phases))
+    assert follow_support(free, t, X)[1] == ()
+
+
+def test_actuators_have_a_column_for_each_leg(plan: LeggedPlan) -> None:
+    figure = draw_leg_actuators(plan, count=11)
+    assert [axes.get_title("left") for axes in figure.axes[:4]] == list(plan.task.machine.names)
+    assert [len([x for x in axes.lines if x.get_label() in ("hip", "abduction", "knee")]) for axes in figure.axes] == [
+        3
+    ] * 12
+    knee = next(line for line in figure.axes[5].lines if line.get_label() == "knee").get_ydata()
+    i = plan.task.machine.robot.mechanism.index("right front knee")
+    times = np.linspace(0.0, plan.trajectory.duration, 11)
+    np.testing.assert_allclose(knee, plan.trajectory(times, 1)[:, i])
+    assert [len(axes.patches) for axes in figure.axes[:4]] == [1, 0, 0, 0]  # shaded while the foot is in the air
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["hip", "abduction", "knee", "limits", "foot in the air"]
+
+
 def test_a_walk_is_saved(plan: LeggedPlan, tmp_path: Path) -> None:
     files = save_legged(plan, tmp_path / "walk", period=5e-3)
     assert set(files) == {
@@ -114,5 +162,9 @@ def test_a_walk_is_saved(plan: LeggedPlan, tmp_path: Path) -> None:
     text = files["page"].read_text(encoding="utf-8")
     assert re.search(r'"shift"', text)
     assert re.search(r'"free foot"', text)
+    assert re.search(r'"support polygon"', text)
+    assert re.search(r'"point below the centre of gravity"', text)
+    told = re.findall(r'"name":\s*"([a-z ]+ up)"', text)
+    assert told == ["right rear up"]  # of the one foot that is lifted
     plain = save_legged(plan, tmp_path / "plain", view=False)
     assert set(plain) == {"trajectory", "report"}

@@ -4,12 +4,12 @@ import * as THREE from "three";
 const ALONG = new THREE.Vector3(0, 1, 0);
 
 /** Cables as thin rods, each stretched anew at every instant between points of two carriers (the world for -1). */
-export function createCables(cables, world, carriers, color) {
+export function createCables(cables, world, carriers) {
   const group = new THREE.Group();
-  const material = new THREE.MeshStandardMaterial({ color, roughness: 0.45, metalness: 0.2 });
+  const materials = new Map(cables.map(({ color }) => [color, new THREE.MeshStandardMaterial({ color, roughness: 0.45, metalness: 0.2 })]));
   const rod = new THREE.CylinderGeometry(1, 1, 1, 12);
   const rods = cables.map((cable) => {
-    const mesh = new THREE.Mesh(rod, material);
+    const mesh = new THREE.Mesh(rod, materials.get(cable.color));
     mesh.name = cable.name;
     mesh.castShadow = true;
     mesh.matrixAutoUpdate = false;

@@ -74,7 +74,7 @@ function addLegend(label, mark, color, group) {
 for (const [kind, { label, color }] of Object.entries(data.kinds)) {
   if (data.bodies.some((body) => body.kind === kind)) addLegend(label, "swatch", color, kind === "obstacle" ? "obstacles" : "");
 }
-if (data.cables.length) addLegend("Cables", "stroke", data.colors.cable, "");
+for (const [label, color] of new Map(data.cables.map((cable) => [cable.label, cable.color]))) addLegend(label, "stroke", color, "");
 const labels = new Map(data.phases.flatMap((phase) => phase.marks.map(({ label, color }) => [label, color])));
 for (const [label, color] of labels) addLegend(label, "ball", color, "");
 for (const path of data.paths) addLegend(path.name, path.dashed ? "stroke dashed" : "stroke", path.color, "paths");

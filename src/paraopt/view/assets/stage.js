@@ -31,7 +31,7 @@ export function createStage(canvas, axesCanvas, data, motion) {
     (body.frame < 0 ? world : carriers[body.frame]).add(mesh);
     return { ...body, mesh };
   });
-  const cables = createCables(data.cables, world, carriers, data.colors.cable);
+  const cables = createCables(data.cables, world, carriers);
   scene.add(cables.group);
   let thinnest = 0; // radius below which no cable is drawn [m]
   const buffer = new Float64Array(7);
@@ -65,16 +65,19 @@ export function createStage(canvas, axesCanvas, data, motion) {
     for (const cable of cables.rods) ends.push(...cable.ends.map((end) => end.at.clone()));
   }
   place(motion.start);
-  const own = [...reach.filter((_, index) => bodies[index].kind !== "obstacle").flat(), ...ends];
+  const own = [...reach.filter((_, index) => !["obstacle", "base"].includes(bodies[index].kind)).flat(), ...ends];
   const robotSphere = new THREE.Box3().setFromPoints(own.length ? own : reach.flat()).getBoundingSphere(new THREE.Sphere());
-  // An obstacle that dwarfs the robot (a floor, a wall) is drawn but does not decide the framing.
+  // What dwarfs the robot (a floor to walk on, a wall) is drawn but does not decide the framing.
+  const farthest = { obstacle: 2.5, base: 2 };
   const framed = reach.filter((points, index) => {
+    const { kind, mesh } = bodies[index];
     const sphere = new THREE.Box3().setFromPoints(points).getBoundingSphere(new THREE.Sphere());
     const distance = sphere.center.distanceTo(robotSphere.center) + sphere.radius;
-    const counts = bodies[index].kind !== "obstacle" || distance <= 2.5 * robotSphere.radius;
-    if (!counts) bodies[index].mesh.material.opacity = 0.2;
+    const counts = !(kind in farthest) || distance <= farthest[kind] * robotSphere.radius;
+    if (!counts && kind === "obstacle") mesh.material.opacity = 0.2;
     return counts;
   }).flat();
+  const lowest = Math.min(...reach.filter((_, index) => bodies[index].kind === "base").flat().map((point) => point.dot(basis.up)));
   const size = robotSphere.radius;
   framed.push(...ends);
   thinnest = 0.0035 * size;
@@ -91,7 +94,7 @@ export function createStage(canvas, axesCanvas, data, motion) {
   const sphere = box.getBoundingSphere(new THREE.Sphere());
 
   // --- Ground
-  const level = Math.min(...framed.map((point) => point.dot(basis.up))) - 0.002 * size;
+  const level = Math.min(lowest, ...framed.map((point) => point.dot(basis.up))) - 0.002 * size;
   const ground = new THREE.Group();
   ground.quaternion.setFromUnitVectors(AXES.z, basis.up);
   ground.position.copy(basis.up).multiplyScalar(level);
