@@ -19,7 +19,9 @@ class SquareConditions:
 
     The corners are (0, 0), (0, L), (L, 0), (L, L); the platform's points at -h and +h of its axis are held from the
     sides x = 0 and x = L. In the plane every wrench can be balanced by positive tensions if and only if the line
-    through both points leaves the square through these two sides, not at their ends.
+    through both points leaves the square through these two sides, not at their ends. That is said of the platform
+    whose point -h looks to the side x = 0, turned by less than a right angle; turned over, with its cables crossed, it
+    can be held too (`has_wrench_closure` tells), and the conditions leave it out.
 
     Attributes:
         side: Side L of the square [m].
@@ -75,13 +77,18 @@ class SquareConditions:
                 or (k, 4).
 
         Raises:
-            DefinitionError: The shape is another.
+            DefinitionError: The shape is another, or a number is not finite.
         """
-        table = np.atleast_2d(np.asarray(poses, dtype=float))
+        try:
+            table = np.atleast_2d(np.asarray(poses, dtype=float))
+        except (TypeError, ValueError) as error:
+            raise DefinitionError(f"poses are {poses!r}; they must be numbers") from error
         if table.ndim != 2 or table.shape[1] not in (3, 4):
             raise DefinitionError(
                 f"poses have shape {np.shape(poses)}; it must be (k, 3) of x, y, theta, or (k, 4) of x, y, z, theta"
             )
+        if not np.all(np.isfinite(table)):
+            raise DefinitionError(f"pose {int(np.argwhere(~np.isfinite(table))[0, 0])} is not finite")
         x, y, theta = table[:, 0], table[:, 1], table[:, -1]
         low, high = self.rotation_bounds(x, y)
         is_inside = (x >= self.half_width) & (x <= self.side - self.half_width) & (y >= 0.0) & (y <= self.side)

@@ -13,6 +13,7 @@ from paraopt.mechanism import Mechanism
 from paraopt.modes.cable.chain import MotionChain
 from paraopt.modes.cable.facets import capacity_margins, scale_moments
 from paraopt.modes.cable.model import CableRobot
+from paraopt.modes.cable.read import read_rows
 from paraopt.modes.cable.statics import solve_duals
 from paraopt.modes.cable.wrench import cable_functions
 from paraopt.planning import Trajectory
@@ -98,19 +99,19 @@ def distribute_batch(
         The tensions.
 
     Raises:
-        DefinitionError: An argument has another size, or the aim is not one for batches.
+        DefinitionError: An argument has another size or is not finite, or the aim is not one for batches.
     """
     if aim not in ("least norm", "closest"):
         raise DefinitionError(f"aim is {aim!r}; for many poses it must be 'least norm' or 'closest'")
     points = robot.check_poses(poses)
     W, w = cable_functions(robot).both(points)
     if wrench is not None:
-        w = np.array(np.broadcast_to(np.asarray(wrench, dtype=float), w.shape))
+        w = read_rows(wrench, len(points), robot.dof, "wrenches", ", ".join(robot.wrench_names))
     k, n = len(points), robot.n_cables
     wanted = np.zeros((k, n))
     if aim == "closest":
         middle = 0.5 * (robot.t_min + robot.t_max)
-        wanted = np.array(np.broadcast_to(middle if reference is None else np.asarray(reference, dtype=float), (k, n)))
+        wanted = read_rows(middle if reference is None else reference, k, n, "reference tensions", alone=True)
     elif reference is not None:
         raise DefinitionError(f"reference tensions are given, but the aim is {aim!r}; it must be 'closest'")
     A = scale_moments(W.transpose(0, 2, 1), robot.length_scale).transpose(0, 2, 1)

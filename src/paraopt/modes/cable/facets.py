@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from paraopt.errors import DefinitionError
 from paraopt.modes.cable.minors import find_thin, loss, plan_minors
 from paraopt.modes.cable.model import CableRobot
+from paraopt.modes.cable.read import read_rows
 from paraopt.modes.cable.wrench import cable_functions
 
 Array = NDArray[np.float64]
@@ -179,14 +180,14 @@ def capacity_margins(
         The margins [N], shape (k,).
 
     Raises:
-        DefinitionError: There are fewer cables than freedoms.
+        DefinitionError: There are fewer cables than freedoms, or the wrench has another size or is not finite.
     """
     options = options or FacetOptions()
     W, w = cable_functions(robot).both(poses)
     k, dof, n = W.shape
     _check_counts(dof, n)
     if wrench is not None:
-        w = np.broadcast_to(np.asarray(wrench, dtype=float), (k, dof))
+        w = read_rows(wrench, k, dof, "wrenches", ", ".join(robot.wrench_names))
     plan = plan_minors(dof, n)
     length = robot.length_scale
     weights = _weights(dof, length)[:, None, None]
@@ -222,10 +223,8 @@ def has_wrench_closure(robot: CableRobot, poses: ArrayLike, options: FacetOption
 # --- Gradients
 
 
-def facet_gradients(
-    robot: CableRobot, poses: Array, facets: Facets, chosen: Index, wrench: Array | None = None
-) -> Array:
-    """Give the derivatives of distances to facets with respect to the pose, exactly.
+def facet_gradients(robot: CableRobot, poses: Array, facets: Facets, chosen: Index) -> Array:
+    """Give the derivatives of distances to facets, under weight and load, with respect to the pose, exactly.
 
     A unit normal n turns so that it stays square to its columns S. With t the extreme tensions of the other cables, and
     those of S balancing what is left, `tau_S = -pinv(W_S) (W t + w)`, the distance has the derivative
@@ -236,7 +235,6 @@ def facet_gradients(
         poses: Poses, shape (k, dof).
         facets: The facets there.
         chosen: Facets asked for at each pose, as columns of `Facets.distances`, shape (k, m).
-        wrench: What the cables must balance, shape (k, dof), held constant; weight and load when None.
 
     Returns:
         Shape (k, m, dof) [N/m, N/rad]; zero for pairs that are flat.
@@ -244,8 +242,6 @@ def facet_gradients(
     functions = cable_functions(robot)
     W, w = functions.both(poses)
     dW, dw = functions.derivatives(poses)
-    if wrench is not None:
-        w, dw = np.broadcast_to(wrench, w.shape), np.zeros_like(dw)
     k, m = chosen.shape
     dof, length = robot.dof, facets.length
     W, dW, w, dw = (_scale_moments_along(v, length) for v in (W, dW, w, dw))

@@ -48,6 +48,8 @@ class EquilibriumOptions:
             value = getattr(self, name)
             if not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
                 raise DefinitionError(f"{name} of the equilibria is {value!r}; it must be finite and above 0")
+        if not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
+            raise DefinitionError(f"seed of the equilibria is {self.seed!r}; it must be a whole number, not below 0")
         if self.missing_probability >= 1:
             raise DefinitionError(f"missing_probability is {self.missing_probability}; it must be below 1")
 

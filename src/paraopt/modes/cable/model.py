@@ -260,6 +260,11 @@ class CableRobot:
         return tuple(self.home)
 
     @property
+    def wrench_names(self) -> tuple[str, ...]:
+        """Name the components of a wrench, in the order in which arrays of wrenches hold them."""
+        return ("fx", "fy", "mz") if self.planar else ("fx", "fy", "fz", "mx", "my", "mz")
+
+    @property
     def home_pose(self) -> Array:
         """Give the home pose [m or rad], shape (dof,)."""
         return np.array(list(self.home.values()))
@@ -295,7 +300,10 @@ class CableRobot:
         Raises:
             DefinitionError: The shape is another, or a number is not finite.
         """
-        table = np.atleast_2d(np.asarray(poses, dtype=float))
+        try:
+            table = np.atleast_2d(np.asarray(poses, dtype=float))
+        except (TypeError, ValueError) as error:
+            raise DefinitionError(f"poses of {self.name!r} are {poses!r}; they must be numbers") from error
         if table.ndim != 2 or table.shape[1] != self.dof or not np.all(np.isfinite(table)):
             raise DefinitionError(
                 f"poses of {self.name!r} have shape {np.shape(poses)}; they must be finite, shape (k, {self.dof}) of "

@@ -70,6 +70,36 @@ def read_table(values: Any, shape: tuple[int | None, ...], what: str) -> Array:
     return table
 
 
+def read_rows(values: Any, count: int, width: int, what: str, columns: str = "", *, alone: bool = False) -> Array:
+    """Read one row of finite numbers for all poses, or one row for each.
+
+    Args:
+        values: Numbers, shape (width,) or (count, width).
+        count: Number of poses.
+        width: Numbers in a row.
+        what: How an error calls them.
+        columns: What the numbers of a row are, for errors.
+        alone: Whether one number may stand for all.
+
+    Returns:
+        The rows, shape (count, width).
+
+    Raises:
+        DefinitionError: The shape is another, or an entry is not a finite number.
+    """
+    try:
+        table = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DefinitionError(f"{what} are {values!r}; they must be numbers") from error
+    if table.shape not in ((width,), (count, width)) and not (alone and table.ndim == 0):
+        allowed = f"({width},) or ({count}, {width})" + (", or one number" if alone else "")
+        of = f" of {columns}" if columns else ""
+        raise DefinitionError(f"{what} have shape {table.shape}; it must be {allowed}{of}")
+    if not np.all(np.isfinite(table)):
+        raise DefinitionError(f"{what} are {table.tolist()}; every entry must be finite")
+    return np.array(np.broadcast_to(table, (count, width)))
+
+
 def read_for_cables(values: Any, names: tuple[str, ...], what: str, unit: str, **bounds: float) -> Array:
     """Read one number for all cables, or one for each, into a read-only array of shape (n,).
 

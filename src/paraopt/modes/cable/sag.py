@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import InfeasibleError
 from paraopt.modes.cable.model import CableRobot
-from paraopt.modes.cable.read import read_for_cables, read_number
+from paraopt.modes.cable.read import read_for_cables, read_number, read_rows
 from paraopt.modes.cable.wrench import cable_functions
 from paraopt.spatial import finite_vector
 
@@ -70,7 +70,7 @@ def estimate_sag(
     Args:
         robot: The cable robot.
         poses: Poses, shape (k, dof).
-        tensions: Tensions there [N], shape (k, n).
+        tensions: Tensions there [N], shape (k, n), or (n,) or one number for all poses.
         density: Mass of the cables per length [kg/m], one for all or one for each.
         gravity: Acceleration of free fall that bends the cables [m/s^2]; when None the robot's, or (0, 0, -9.81) for a
             robot in a level plane, whose platform does not feel it.
@@ -89,7 +89,7 @@ def estimate_sag(
     strength = float(np.linalg.norm(fall))
     down = fall / strength if strength > 0.0 else fall
     functions = cable_functions(robot)
-    t = np.broadcast_to(np.asarray(tensions, dtype=float), (len(points), robot.n_cables))
+    t = read_rows(tensions, len(points), robot.n_cables, "tensions", alone=True)
     spans = functions.attachment_points(points) - functions.leaving_points(points)
     lengths = np.linalg.norm(spans, axis=2)
     across = np.linalg.norm(spans - (spans @ down)[:, :, None] * down, axis=2)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linprog
 
-from paraopt.errors import DefinitionError
+from paraopt.errors import BackendError, DefinitionError
 from paraopt.modes.cable.equilibrium import EquilibriumOptions, Stability, judge_stability
 from paraopt.modes.cable.facets import capacity_margins, scale_moments
 from paraopt.modes.cable.model import CableRobot
-from paraopt.modes.cable.statics import check_feasibility, spread_evenly
+from paraopt.modes.cable.statics import check_feasibility
 from paraopt.modes.cable.wrench import cable_functions
 
 logger = logging.getLogger("paraopt")
@@ -52,8 +53,9 @@ class CableState:
             (dof - rank, dof); they are also those of free motions, with turns times the length.
         hangs: Whether there are fewer cables than freedoms, so that weight holds the rest.
         balanced: Whether tensions of any sign balance weight and load.
-        least_tension: Largest value that the least tension can have [N]; at zero some cable goes slack, and below it
-            some would have to push. Nan where the platform is not balanced.
+        least_tension: Largest value that the least tension can have, whatever the upper limits [N]; at zero some cable
+            goes slack, and below it some would have to push. Inf where cables pull against each other, so that all
+            tensions can grow together; nan where the platform is not balanced.
         slack: Names of the cables that keep it from growing, where it is not above zero.
         feasible: Whether tensions within their limits balance them.
         margin: Capacity margin [N] where there are enough cables; else the least distance of a tension to a limit.
@@ -85,7 +87,7 @@ class CableState:
         """Tell what is singular, one sentence for each; none at a regular pose."""
         found = []
         if self.loses_rank:
-            names = ("fx", "fy", "mz") if self.robot.planar else ("fx", "fy", "fz", "mx", "my", "mz")
+            names = self.robot.wrench_names
             for direction in self.lost:
                 parts = [f"{v:+.3f} {n}" for v, n in zip(direction, names, strict=True) if abs(v) > 1e-3]
                 found.append(f"the wrench matrix loses rank: no cable acts along {' '.join(parts)}")
@@ -149,11 +151,9 @@ def report_cable_state(robot: CableRobot, pose: ArrayLike, options: StateOptions
     least = np.nan
     slack: tuple[str, ...] = ()
     if balanced:
-        largest = np.maximum(robot.t_max, 1e3 * np.linalg.norm(b))  # upper limits are another matter
-        _, v, binding = spread_evenly(A, b, np.zeros(robot.n_cables), largest, loosen_upper=True)
-        least = -v
+        least, binding = _raise_least(U[:, :rank].T @ A, U[:, :rank].T @ b)
         if least <= options.slack * float(np.mean(robot.t_max)):
-            slack = tuple(c for c, holds in zip(robot.cables, binding[0], strict=True) if holds)
+            slack = tuple(c for c, holds in zip(robot.cables, binding, strict=True) if holds)
     margin = verdict.margin if hangs else float(capacity_margins(robot, point)[0])
     stability = None
     if balanced and rank < robot.dof:
@@ -161,6 +161,25 @@ def report_cable_state(robot: CableRobot, pose: ArrayLike, options: StateOptions
     return CableState(
         robot, point[0], values, lost, hangs, balanced, least, slack, verdict.is_feasible, margin, stability, options
     )
+
+
+def _raise_least(A: Array, b: Array) -> tuple[float, NDArray[np.bool_]]:
+    """Give the largest least tension that balances b, and which cables keep it from growing.
+
+    maximise s   subject to   A t + b = 0,   t >= s
+    """
+    d, n = A.shape
+    goal, above = np.append(np.zeros(n), -1.0), np.hstack([-np.eye(n), np.ones((n, 1))])
+    grown = np.block([[A, np.zeros((d, 1))], [np.ones((1, n)), np.zeros((1, 1))]])
+    # tensions that balance nothing, all of them positive, can be added without end
+    inner = linprog(goal, above, np.zeros(n), grown, np.append(np.zeros(d), 1.0), (None, None), method="highs")
+    if inner.status == 0 and -inner.fun > 1e-9:
+        return np.inf, np.zeros(n, dtype=bool)
+    size = float(np.linalg.norm(b)) or 1.0  # the solver's tolerances are absolute
+    solved = linprog(goal, above, np.zeros(n), grown[:-1], -b / size, (None, None), method="highs")
+    if inner.status not in (0, 2) or solved.status != 0:
+        raise BackendError(f"HiGHS found no largest tensions: {solved.message}", A=A, b=b)
+    return -float(solved.fun) * size, np.abs(solved.ineqlin.marginals) > 1e-9
 
 
 def _judge(robot: CableRobot, point: Array, tensions: Array, tolerance: float) -> Stability | None:

@@ -65,15 +65,12 @@ class Feasibility:
     def verdict(self) -> str:
         """Tell it in a sentence."""
         if np.any(self.lost):
-            parts = [f"{v:+.3f} {c}" for v, c in zip(self.lost, self._axes, strict=True) if abs(v) > 1e-3]
+            names = self.robot.wrench_names
+            parts = [f"{v:+.3f} {c}" for v, c in zip(self.lost, names, strict=True) if abs(v) > 1e-3]
             return f"the cables give nothing along {' '.join(parts)}, where the wrench needs it"
         if self.is_feasible:
             return f"feasible: every tension can stay {max(self.margin, 0.0):.4g} N within its limits"
         return f"{', '.join(self.cables)} stand in the way: limits must be loosened by {-self.margin:.4g} N"
-
-    @property
-    def _axes(self) -> tuple[str, ...]:
-        return ("fx", "fy", "mz") if self.robot.planar else ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +130,7 @@ def check_feasibility(robot: CableRobot, pose: ArrayLike, wrench: ArrayLike | No
     return Feasibility(robot, point, w, -v, t, tuple(cables), zero)
 
 
-def spread_evenly(
-    A: Array, b: Array, low: Array, high: Array, loosen_upper: bool = True
-) -> tuple[Array, float, NDArray[np.bool_]]:
+def spread_evenly(A: Array, b: Array, low: Array, high: Array) -> tuple[Array, float, NDArray[np.bool_]]:
     """Find the tensions that exceed their limits least, or keep farthest from them.
 
         minimise v   subject to   A t + b = 0,   low - v <= t <= high + v
@@ -145,13 +140,12 @@ def spread_evenly(
         b: Right-hand side, shape (d,).
         low: Lower limits, shape (n,).
         high: Upper limits, shape (n,).
-        loosen_upper: Whether the upper limits are loosened too.
 
     Returns:
         The tensions, v, and which lower and upper limits hold v up, shape (2, n).
 
     Raises:
-        BackendError: HiGHS failed, or upper limits that are not loosened leave no tensions.
+        BackendError: HiGHS failed.
     """
     n = A.shape[1]
     # rows that the cables do not feel are dropped: the rest is of full rank
@@ -162,7 +156,7 @@ def spread_evenly(
     column = np.ones((n, 1))
     solved = linprog(
         np.append(np.zeros(n), 1.0),
-        A_ub=np.vstack([np.hstack([-np.eye(n), -column]), np.hstack([np.eye(n), -column * loosen_upper])]),
+        A_ub=np.vstack([np.hstack([-np.eye(n), -column]), np.hstack([np.eye(n), -column])]),
         b_ub=np.concatenate([-low, high]) / scale,
         A_eq=np.hstack([kept @ A, np.zeros((len(kept), 1))]),
         b_eq=-kept @ b / scale,

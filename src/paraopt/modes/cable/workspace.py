@@ -89,13 +89,21 @@ def map_workspace(
     for name in orientation or {}:
         if name not in angles:
             raise unknown_name("angle of the workspace", name, angles)
-    if count < 2:
-        raise DefinitionError(f"count is {count!r}; an axis needs at least 2 values")
+    if not isinstance(count, (int, np.integer)) or count < 2:
+        raise DefinitionError(f"count is {count!r}; an axis needs a whole number of values, at least 2")
     grid: dict[str, Array] = {}
     for i, name in enumerate(positions):
         if name in given:
-            values = np.asarray(given[name], dtype=float)
-            if values.ndim != 1 or len(values) < 2 or not np.all(np.diff(values) > 0.0):
+            try:
+                values = np.asarray(given[name], dtype=float)
+            except (TypeError, ValueError) as error:
+                raise DefinitionError(f"axis {name!r} is {given[name]!r}; it must be numbers [m]") from error
+            if (
+                values.ndim != 1
+                or len(values) < 2
+                or not np.all(np.diff(values) > 0.0)
+                or not np.all(np.isfinite(values))
+            ):
                 raise DefinitionError(f"axis {name!r} is {given[name]!r}; it must be at least two growing values [m]")
             grid[name] = values
             continue

@@ -72,3 +72,13 @@ def test_sizes_are_checked() -> None:
         SquareConditions(side=0.0)
     with pytest.raises(DefinitionError, match=r"\(k, 3\)"):
         SquareConditions().hold([0.1, 0.2])
+    with pytest.raises(DefinitionError, match="must be numbers"):
+        SquareConditions().hold("middle")
+    with pytest.raises(DefinitionError, match="pose 1 is not finite"):
+        SquareConditions().hold([[0.5, 0.5, 0.0], [0.5, np.nan, 0.0]])
+
+
+def test_turned_over_the_platform_is_left_out() -> None:
+    """With its cables crossed it can be held as well; the conditions are those of the plain posture."""
+    assert has_wrench_closure(planar(), [0.5, 0.5, np.pi])[0]
+    assert not SquareConditions().hold([0.5, 0.5, np.pi])[0]

@@ -100,6 +100,49 @@ def test_condition_of_a_hanging_robot_gives_its_tensions() -> None:
     assert condition.names[0] == "tension margin, q1 above t_min"
 
 
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_slopes_of_a_hanging_robot_along_its_equilibria(tilt: float) -> None:
+    """Sideways, where the platform tilts as it goes and its weight turns about its origin: by differences."""
+    robot = hanging(t_min=0.5, operational=("x", "y", "z", "gamma"))
+    machine = build_hanging(robot)
+    kinematics, names = machine.kinematics, ("x", "y", "z", "gamma")
+    targets = np.column_stack([np.linspace(0.3, 0.6, 5), np.full(5, 0.4), np.full(5, -0.5), np.full(5, tilt)])
+    start = machine.home_configuration.X
+
+    def solve(values: Array) -> Array:
+        return np.array([kinematics.inverse(dict(zip(names, v, strict=True)), start).configuration.X for v in values])
+
+    X = solve(targets)
+    condition = TensionMargin(robot, machine.mechanism, scale=1.0)
+    values, slopes = condition.gradients(X, kinematics.tangent(X, names))
+    h = 1e-5
+    numeric = np.stack(
+        [(condition.values(solve(targets + h * e)) - condition.values(solve(targets - h * e))) / (2 * h)
+         for e in np.eye(4)], axis=-1,
+    )  # fmt: skip
+    assert np.max(np.abs(X[:, machine.mechanism.indices(("beta",))])) > 0.1
+    assert values == pytest.approx(condition.values(X))
+    assert slopes == pytest.approx(numeric, rel=1e-5, abs=1e-5)
+
+
+def test_rows_of_a_hanging_robot_are_its_tensions() -> None:
+    """Less the margin that is kept from the limits; tensions are those that inertia and weight ask for."""
+    robot = hanging(t_min=0.5)
+    random = np.random.default_rng(46)
+    poses = draw_poses(robot, 20, seed=47)
+    poses[:, 2] = -0.5
+    first, second = random.normal(size=(2, *poses.shape))
+    names, (a, b, c) = TensionLimits(robot, margin=0.25).affine_levels(poses, first, second)
+    speed, acceleration = 0.7, -1.3
+    V, A = speed * first, acceleration * first + speed**2 * second
+    W, wrench = cable_functions(robot).wrench_matrix(poses), cable_functions(robot).dynamic_wrench(poses, V, A)
+    scale = np.array([1, 1, 1, *[1 / robot.length_scale] * 3])
+    t = [np.linalg.lstsq(scale[:, None] * G, -scale * w, rcond=None)[0] for G, w in zip(W, wrench, strict=True)]
+    wanted = np.hstack([np.array(t) - 0.5, 100.0 - np.array(t)]) - 0.25
+    assert a * acceleration + b * speed**2 + c == pytest.approx(wanted, abs=1e-9)
+    assert names[0] == "tension of q1"
+
+
 def test_condition_is_kept_by_a_plan() -> None:
     """Along the upper edge of the workspace, which is hollow, the straight way has no tensions; the plan goes round."""
     robot, asked = fast_ipanema(), 10.0
@@ -230,6 +273,8 @@ def test_arguments_are_checked() -> None:
         TensionMargin(robot, margin=-1.0)
     with pytest.raises(DefinitionError, match="nearest facets"):
         TensionMargin(robot, lowest=0)
+    with pytest.raises(DefinitionError, match="nearest facets"):
+        TensionMargin(robot, lowest=2.5)  # type: ignore[arg-type]
     with pytest.raises(DefinitionError, match="scale"):
         TensionMargin(robot, scale=0.0)
     with pytest.raises(DefinitionError, match="lacks the coordinates"):

@@ -76,6 +76,23 @@ def test_a_tension_that_reaches_zero_names_its_cable() -> None:
     assert any("cable 'q2' would have to push" in finding for finding in beyond.findings)
 
 
+def test_the_least_tension_has_no_upper_limit() -> None:
+    """Two cables nearly on one line pull hard, and neither pushes; cables that pull against each other have no end."""
+    robot = CableRobot(
+        name="two", exits=[(0, 0), (1, 0)], attachments=[(0, 0), (0, 0)], mass=1.0, t_max=50.0, planar=True,
+        gravity=(0, -9.81), home={"x": 0.5, "y": -0.5}, characteristic_length=0.1,
+    )  # fmt: skip
+    for height in (0.5, 1e-3, 1e-6):
+        state = report_cable_state(robot, [0.5, -height, 0.0])
+        assert state.least_tension == pytest.approx(9.81 * np.hypot(0.5, height) / (2 * height), rel=1e-6)
+        assert state.slack == ()
+    assert report_cable_state(planar(), [0.5, 0.5, 0.1]).least_tension == np.inf
+    upright = planar(gravity=(0, -9.81))
+    state = report_cable_state(upright, [0.5, 0.5, 1.2])  # turned too far for wrench closure
+    assert not has_wrench_closure(upright, [0.5, 0.5, 1.2])[0]
+    assert np.isfinite(state.least_tension)
+
+
 def test_an_equilibrium_that_is_lost_is_reported() -> None:
     pose = hanging().home_pose
     assert report_cable_state(hanging(drop=0.05), pose).findings == ()
@@ -122,6 +139,9 @@ def test_sag_depends_on_the_slope() -> None:
     assert sag.deflections[0, 0] == 0.0  # a cable that hangs down is straight
     assert sag.deflections[0, 1] == pytest.approx(0.01 * 9.81 * np.hypot(3, 2) * 3 / 80)
     assert np.isinf(estimate_sag(robot, robot.home_pose, 0.0, 0.01).deflections).all()
+    for tensions in ([1.0] * 3, [np.nan] * len(upright.cables), "taut"):
+        with pytest.raises(DefinitionError, match="tensions"):
+            estimate_sag(upright, upright.home_pose, tensions, 0.01)
     level = estimate_sag(planar(), [0.5, 0.5, 0.0], 10.0, 0.01)  # gravity bends cables of a level plane
     assert np.all(level.deflections > 0.0)
 
@@ -163,3 +183,10 @@ def test_maps_are_checked() -> None:
         map_workspace(ipanema(exits=[(x, y, 2) for x, y in ((-2, 1), (2, 1), (2, -1), (-2, -1))] * 2))
     with pytest.raises(DefinitionError, match="at least 2"):
         map_workspace(ipanema(), count=1)
+    with pytest.raises(DefinitionError, match="whole number"):
+        map_workspace(ipanema(), count=2.5)  # type: ignore[arg-type]
+    for values in (["low", "high"], [0.0, np.nan], [0.0, np.inf]):
+        with pytest.raises(DefinitionError, match="axis 'x'"):
+            map_workspace(ipanema(), {"x": values})
+    with pytest.raises(DefinitionError, match="wrenches have shape"):
+        map_workspace(ipanema(), count=3, wrench=[1.0])

@@ -75,6 +75,61 @@ def test_least_norm_against_another_solver() -> None:
         assert distribute(robot, pose).values == pytest.approx(solved.x, abs=1e-5)
 
 
+@pytest.mark.parametrize(("force", "length"), [(1e9, 1e3), (1e-9, 1e-3)])
+def test_units_do_not_matter(force: float, length: float) -> None:
+    """A ship's and a needle's robot: solvers have absolute tolerances, which must not show."""
+    robot = ROBOTS["spatial"]
+    other = ipanema(
+        exits=length * robot.exits, attachments=length * robot.attachments, mass=25.0 * force, t_min=10.0 * force,
+        t_max=720.0 * force, home={"z": length},
+    )  # fmt: skip
+    poses = draw_poses(robot, 12, seed=38)
+    scaled = poses * np.array([length, length, length, 1, 1, 1])
+    assert capacity_margins(other, scaled) / force == pytest.approx(capacity_margins(robot, poses), abs=1e-9)
+    one, two = distribute_batch(robot, poses), distribute_batch(other, scaled)
+    assert np.array_equal(one.feasible, two.feasible)
+    assert two.values[one.feasible] / force == pytest.approx(one.values[one.feasible], abs=1e-8)
+    for pose, there, feasible in zip(poses, scaled, one.feasible, strict=True):
+        verdict, wanted = check_feasibility(other, there), check_feasibility(robot, pose)
+        assert verdict.margin / force == pytest.approx(wanted.margin, abs=1e-6)
+        assert verdict.cables == wanted.cables
+        if feasible:
+            for aim in AIMS:
+                assert distribute(other, there, aim=aim).margin / force == pytest.approx(
+                    distribute(robot, pose, aim=aim).margin, abs=1e-6
+                )
+
+
+def test_tensions_of_a_hanging_robot_stay_within_their_limits() -> None:
+    """Where the platform asks for more than the limits allow, what cannot be given is left unbalanced, and said."""
+    robot = hanging(t_max=2.0)
+    batch = distribute_batch(robot, robot.home_pose)
+    assert not batch.feasible[0]
+    assert np.all((batch.values >= 0.0) & (batch.values <= 2.0))
+    assert batch.residual[0] > 0.1
+    with pytest.raises(InfeasibleError, match="hangs elsewhere"):
+        batch.check()
+
+
+def test_batches_refuse_what_does_not_fit() -> None:
+    robot = ROBOTS["planar"]
+    poses = [[0.5, 0.5, 0.0]] * 2
+    for wrench in ([1.0, 2.0], [[1.0, 2.0, 3.0]] * 3, [1.0], [np.nan, 0.0, 0.0], "heavy"):
+        with pytest.raises(DefinitionError, match="wrenches"):
+            distribute_batch(robot, poses, wrench)
+        with pytest.raises(DefinitionError, match="wrenches"):
+            capacity_margins(robot, poses, wrench)
+    for reference in ([1.0, 2.0], np.inf, "many"):
+        with pytest.raises(DefinitionError, match="reference tensions"):
+            distribute_batch(robot, poses, aim="closest", reference=reference)
+    with pytest.raises(DefinitionError, match="must be numbers"):
+        capacity_margins(robot, "here")
+    assert np.array_equal(
+        distribute_batch(robot, poses, [0.0, -5.0, 0.0]).values,
+        distribute_batch(robot, poses, [[0.0, -5.0, 0.0]] * 2).values,
+    )
+
+
 def test_aims_are_what_they_say() -> None:
     robot = ROBOTS["spatial"]
     pose = [0.2, 0.1, 0.9, 0.02, 0.0, 0.1]

@@ -17,10 +17,17 @@ Array = NDArray[np.float64]
 AXES = [(0, 0, 1), (0, 0, -1), (0.2, 0, 1), (0, 0.3, -1), (1, 0.1, 0), (0, 0, 1), (0, 1, 1), (0, 0, 1)]
 PULLEYS = [Pulley(radius=0.03 + 0.005 * i, axis=axis) for i, axis in enumerate(AXES)]
 ROBOTS = {
-    "eyes": ipanema(t_min=10.0, centre=(0.02, -0.01, 0.03), load=(3.0, -2.0, 5.0, 0.3, 0.1, -0.4), order="zyx"),
+    # an inertia with three principal values: a sphere's would hide the gyroscopic moment
+    "eyes": ipanema(
+        t_min=10.0,
+        centre=(0.02, -0.01, 0.03),
+        load=(3.0, -2.0, 5.0, 0.3, 0.1, -0.4),
+        order="zyx",
+        inertia=[[4.0, 0.5, -0.2], [0.5, 9.0, 0.3], [-0.2, 0.3, 6.0]],
+    ),
     "pulleys": ipanema(t_min=10.0, pulleys=PULLEYS),
     "one pulley": ipanema(pulleys=[Pulley(radius=0.05), *[None] * 7]),
-    "planar": planar(gravity=(0.3, -9.81), centre=(0.01, 0.02)),
+    "planar": planar(gravity=(0.3, -9.81), centre=(0.01, 0.02), load=(1.0, -2.0, 0.3)),
     "planar pulleys": planar(pulleys=[Pulley(radius=0.01, axis=(1, 0.2, 0))] * 4),
 }
 
@@ -121,6 +128,24 @@ def rotation_of(robot: CableRobot, poses: Array) -> Array:
     return (points - spatial[:, None, :3]).transpose(0, 2, 1)
 
 
+@pytest.mark.parametrize("name", ["eyes", "planar"])
+def test_wrenches_at_rest_are_those_of_statics(name: str) -> None:
+    """Built by hand: pulls along the cables, the weight at the centre of mass, the load at the origin."""
+    robot = ROBOTS[name]
+    poses = draw_poses(robot, 10, seed=11)
+    W, w = cable_functions(robot).both(poses)
+    kept = [0, 1, 5] if robot.planar else list(range(6))
+    for pose, R, found_W, found_w in zip(poses, rotation_of(robot, poses), W, w, strict=True):
+        origin = np.append(pose[:2], 0.0) if robot.planar else pose[:3]
+        arms = robot.attachments_in_space() @ R.T
+        pulls = robot.exits_in_space() - origin - arms
+        pulls /= np.linalg.norm(pulls, axis=1)[:, None]
+        assert found_W == pytest.approx(np.hstack([pulls, np.cross(arms, pulls)]).T[kept], abs=1e-13)
+        weight = robot.mass * robot.gravity
+        wanted = np.concatenate([weight, np.cross(R @ robot.centre, weight)])[kept] + robot.load
+        assert found_w == pytest.approx(wanted, abs=1e-11)
+
+
 def test_a_planar_robot_is_the_spatial_one_in_its_plane() -> None:
     flat = planar()
     spatial = CableRobot(
@@ -146,6 +171,24 @@ def test_cable_over_the_wheel_by_hand() -> None:
     assert functions.lengths(pose)[0, 0] == pytest.approx(np.pi * r + drop, abs=1e-15)
     assert functions.leaving_points(pose)[0, 0] == pytest.approx([2 * r, 0.0, 1.0], abs=1e-15)
     assert functions.wrench_matrix(pose)[0, :3, 0] == pytest.approx([0.0, 0.0, 1.0], abs=1e-15)
+
+
+def test_lengths_grow_through_all_angles_on_the_wheel() -> None:
+    """An attachment goes once round the wheel: the free part turns with it, and the length never jumps."""
+    r, far = 0.1, 0.5
+    robot = CableRobot(
+        name="one", exits=[(0, 0, 0), (9, 0, 0)], attachments=[(0, 0, 0)] * 2, mass=1.0, t_max=10.0,
+        pulleys=[Pulley(radius=r), None], home={"x": 1.0},
+    )  # fmt: skip
+    angle = np.linspace(0.1, 1.4 * np.pi, 200)  # on the wheel; beyond half a turn the free part comes back inwards
+    leaving = np.column_stack([r - r * np.cos(angle), 0.0 * angle, r * np.sin(angle)])
+    held = leaving + far * np.column_stack([np.sin(angle), 0.0 * angle, np.cos(angle)])
+    ahead = held[:, 0] > 0.0  # behind the axis the wheel would swivel round
+    assert np.max(angle[ahead]) > 1.05 * np.pi
+    poses = np.hstack([held, np.zeros((200, 3))])[ahead]
+    functions = cable_functions(robot)
+    assert functions.lengths(poses)[:, 0] == pytest.approx(r * angle[ahead] + far, abs=1e-12)
+    assert functions.leaving_points(poses)[:, 0] == pytest.approx(leaving[ahead], abs=1e-12)
 
 
 def test_cables_leave_the_wheels_along_tangents() -> None:
