@@ -137,7 +137,9 @@ class Gait:
         found = list(self.phases[:first])
         for k in range(cycles):
             found += [
-                replace(phase.moved(k * self.cycle_travel, k * steps), name=f"{phase.name}, cycle {k + 1}")
+                replace(
+                    phase.moved(k * self.cycle_travel, k * steps), name=phase.name.replace("cycle ", f"cycle {k + 1}.")
+                )
                 for phase in self.phases[first:last]
             ]
         more = (cycles - 1) * self.cycle_travel
