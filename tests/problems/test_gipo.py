@@ -69,7 +69,8 @@ def test_tasks_are_certified_and_exported(arguments: tuple[str, ...], least: flo
     program = play((tmp_path / "out" / "gipo.bas").read_text(encoding="ascii"))
     # the program ends with the motion; before it the servos come from wherever they were
     played = program(t + program.duration - t[-1])[:, list(table.numbers)]
-    assert np.max(np.abs(played - units)) <= 1.0 + 0.2  # one unit; and what happens within its clock's millisecond
+    # one unit, and what a servo of 4 rad/s turns within the millisecond of the program's clock: 0.23 units
+    assert np.max(np.abs(played - units)) <= 1.0 + 0.23 + 0.01
     # feet and trunk arrive together: rest stance again, elsewhere
     for leg in ("right rear", "right front", "left rear", "left front"):
         for joint in ("hip", "abduction", "knee"):
