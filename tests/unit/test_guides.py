@@ -45,11 +45,14 @@ def test_names_and_links_exist(page: str) -> None:
         assert target.startswith("http") or (ROOT / "docs" / target).exists(), target
     for path in re.findall(r"`((?:problems|notebooks)/[\w./-]+)`", prose):
         assert (ROOT / path).exists(), path
-    module = cable if page == "cables.md" else legged
-    for name in re.findall(r"`((?:view\.|io\.|robots\.)?[A-Za-z_]+)\(?", _table(prose)):
-        holder: Any = getattr(po, name.split(".")[0]) if "." in name else module
-        last = name.rsplit(".", 1)[-1]
-        assert hasattr(holder, last) or hasattr(po, last), name
+    spaces = (po, cable if page == "cables.md" else legged)
+    for name in re.findall(r"`([A-Za-z_.]+)", _table(prose)):
+        assert any(_has(space, name.removeprefix("paraopt.").split(".")) for space in spaces), name
+
+
+def _has(space: Any, names: list[str]) -> bool:
+    """Tell whether a name of attributes leads somewhere."""
+    return not names or (hasattr(space, names[0]) and _has(getattr(space, names[0]), names[1:]))
 
 
 def _table(prose: str) -> str:
