@@ -162,7 +162,19 @@ def _read_lengths(robot: CableRobot, lengths: ArrayLike) -> Array:
 
 
 def _settle(energy: Energy, start: Place, paid: Array, options: EquilibriumOptions) -> HangingPose | None:
-    """Minimise the energy from a start and polish what is found; None where that fails."""
+    """Let the platform come to rest from a start; None where that fails."""
+    robot = energy.robot
+    for _ in range(4):
+        found = _descend(energy, start, paid, options)
+        if found is None or found.stability.verdict != "unstable":
+            return found
+        # from a start of the same symmetry the descent ends on a saddle: step off it, the way it falls
+        start = Place.at(robot, found.pose).moved(robot, 0.1 * found.stability.softest)
+    return None
+
+
+def _descend(energy: Energy, start: Place, paid: Array, options: EquilibriumOptions) -> HangingPose | None:
+    """Minimise the energy from a start and polish what is found, which may be a saddle; None where that fails."""
     robot, L = energy.robot, energy.robot.length_scale
     box = np.full(robot.dof, np.inf)
     if not robot.planar:
@@ -217,15 +229,13 @@ def _polish(
 
 
 def _conclude(energy: Energy, place: Place, t: Array, paid: Array, options: EquilibriumOptions) -> HangingPose | None:
-    """Check balance, lengths and signs, and tell what was found; None where it is no equilibrium, or a saddle."""
+    """Check balance, lengths and signs, and tell what was found; None where it is no equilibrium."""
     robot, L = energy.robot, energy.robot.length_scale
     V, slope, spans, J, _ = energy.at(place, t)
     left = float(np.abs(slope + J.T @ t).max())
     if left > options.residual or np.max(spans - paid) > options.residual or np.min(t) < -options.slack:
         return None
     stability = _judge(energy, place, t, options)
-    if stability.verdict == "unstable":  # the least energy is elsewhere
-        return None
     pose = place.pose(robot)
     slack = {c: float(L * by) for c, by in zip(robot.cables, paid - spans, strict=True) if by > options.residual}
     loose = [c for c, v in zip(robot.cables, t, strict=True) if v <= options.slack and c not in slack]

@@ -226,6 +226,19 @@ def test_beyond_it_the_bar_leans_to_either_side() -> None:
     assert judge_stability(bar(0.6), [0.5, -0.4, 0.0], np.full(2, 9.81 / 0.8)).verdict == "unstable"
 
 
+def test_a_start_on_a_ridge_is_left() -> None:
+    """The home pose is an equilibrium that does not hold: the platform falls off it to one that does."""
+    leaning = find_equilibrium(bar(0.6), LEVEL)
+    assert_balanced(leaning, LEVEL)
+    assert leaning.stability.is_stable
+    assert abs(leaning["theta"]) > 1.0
+    robot = larm(centre=(0, 0, DROP))
+    paid = cable_functions(robot).lengths(robot.home_pose)[0]
+    over = find_equilibrium(robot, paid)
+    assert_balanced(over, paid)
+    assert abs(over["alpha"]) == pytest.approx(np.pi, abs=1e-9)
+
+
 def test_states_and_stability_agree() -> None:
     for centre in (0.4, 0.45):
         lost = [f for f in report_cable_state(bar(centre), [0.5, -0.4, 0.0]).findings if "equilibrium" in f]
@@ -377,6 +390,27 @@ def test_loads_are_those_of_the_cable_robot() -> None:
     assert_allclose(W[0] @ tensions + w[0], 0.0, atol=1e-9)
     found = find_equilibrium(robot, [answer["q1"], answer["q2"]])
     assert_allclose(found.pose, [answer["x"], answer["y"], answer["theta"]], atol=1e-9)
+    again = read_hanging(machine)
+    assert_allclose(again.load, robot.load)
+    spatial = larm(load=(1.0, 2.0, -3.0, 0.1, 0.2, 0.3))
+    assert_allclose(read_hanging(build_hanging(spatial)).load, spatial.load)
+
+
+def test_a_base_that_stands_elsewhere_moves_the_exits() -> None:
+    """The exits of a machine are told in its base; a cable robot's in the world."""
+    machine = build_hanging(bar(-0.1))
+    links = [po.Base(k.name, at=(0.3, -0.2), rotation=(0, 0, 0.1)) if isinstance(k, po.Base) else k
+             for k in machine.mechanism.links]  # fmt: skip
+    moved = read_hanging(replace(machine, mechanism=replace(machine.mechanism, links=links)))
+    turn = np.array([[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]])
+    assert_allclose(moved.exits, np.array([(0, 0), (1, 0)]) @ turn.T + [0.3, -0.2], atol=1e-12)
+
+
+def test_tensions_beyond_their_limits_are_named() -> None:
+    robot = bar(-0.1, t_min=[1.0, 12.5], t_max=[12.0, 100.0])
+    found = find_equilibrium(robot, LEVEL)  # 12.26 N in each
+    assert found.out_of_limits == ("q1", "q2")
+    assert find_equilibrium(bar(-0.1), LEVEL).out_of_limits == ()
 
 
 def test_tilt_follows_from_its_coordinates_exactly() -> None:
@@ -416,6 +450,7 @@ FAULTS: dict[str, tuple[Callable[[], Any], type[po.ParaoptError], str]] = {
         lambda: find_equilibria(bar(0), [0.2, 0.2], EquilibriumOptions(max_starts=5)), po.SolveError, "from 5 starts"
     ),
     "tensions": (lambda: judge_stability(bar(0), [0, 0, 0], [1.0]), po.DefinitionError, r"must be \(2,\)"),
+    "seed": (lambda: EquilibriumOptions(seed=-1), po.DefinitionError, "seed of the equilibria is -1"),
     "options": (lambda: EquilibriumOptions(slack=0.0), po.DefinitionError, "slack of the equilibria is 0.0"),
     "probability": (lambda: EquilibriumOptions(missing_probability=1.0), po.DefinitionError, "must be below 1"),
     "coordinates": (lambda: build_hanging(bar(0), ("x",)), po.DefinitionError, "2 cables and 1 independent"),
