@@ -219,7 +219,7 @@ def _sample_margin(
         standing, down = phase.phase.standing, plan.task.down
         if phase.phase.stability is not None and standing:
             margin = measure_support(machine, X, standing, down)
-            if mass_share > 0.0 and len(standing) > 2:
+            if mass_share > 0.0 and len(build_polygon(machine, X[0], standing, down).corners) > 2:
                 margin = measure_worst_support(machine, X, standing, mass_share, down)
         times.append(np.append(t, t[-1]))
         margins.append(np.append(margin, np.nan))

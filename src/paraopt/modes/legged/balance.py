@@ -72,7 +72,7 @@ class SupportPolygon:
     """Hold the convex hull of points of contact, seen along gravity.
 
     Attributes:
-        corners: Names of the feet at its corners, counterclockwise seen from above.
+        corners: Names of the feet at its corners, with a number for those of a sole, counterclockwise seen from above.
         points: Their points of contact in the world [m], shape (k, 3).
         down: Unit direction of gravity.
     """
@@ -193,7 +193,7 @@ def measure_worst_support(
     Args:
         machine: The machine.
         X: Configurations, shape (n, n_variables); the first tells where the feet stand.
-        standing: Names of the feet that stand, three at least.
+        standing: Names of the feet that stand.
         share: Share by which a mass may be larger or smaller [1].
         gravity: Direction of gravity.
 
@@ -230,10 +230,17 @@ def measure_worst_support(
 def build_polygon(
     machine: LeggedMachine, X: ArrayLike, standing: Sequence[str], gravity: ArrayLike = (0.0, 0.0, -1.0)
 ) -> SupportPolygon:
-    """Build the polygon of the feet that stand in a configuration X (n_variables,)."""
-    places = [machine.names.index(machine.foot(name).name) for name in standing]
-    points = machine.contacts(np.atleast_2d(np.asarray(X, dtype=float)))[1][0, places]
-    return SupportPolygon.over(standing, points, gravity)
+    """Build the polygon of the feet that stand in a configuration X (n_variables,).
+
+    A foot with a sole counts with all corners of it, called by the foot's name and a number.
+    """
+    names: list[str] = []
+    points: list[Array] = []
+    for name in standing:
+        corners = machine.corners(np.asarray(X, dtype=float), name)[0]
+        names += [f"{name} {i + 1}" for i in range(len(corners))] if machine.foot(name).sole else [name]
+        points += [*corners]
+    return SupportPolygon.over(names, np.array(points), gravity)
 
 
 def weigh_links(machine: LeggedMachine) -> tuple[tuple[str, ...], Array]:

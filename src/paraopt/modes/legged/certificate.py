@@ -147,13 +147,22 @@ def verify_legged(
         The certificate, passed or not.
 
     Raises:
-        DefinitionError: The motion has other phases than the task.
+        DefinitionError: The motion has other phases than the task, or its marks tell other feet or locks.
     """
     names = tuple(phase.name for phase in task.phases)
     if names != tuple(mark.name for mark in trajectory.marks) or len(problems) != len(names):
         raise DefinitionError(
             f"the motion has the phases {[mark.name for mark in trajectory.marks]}, the task {list(names)}"
         )
+    for phase, mark in zip(task.phases, trajectory.marks, strict=True):
+        # pages and figures tell what marks say: they must say what is certified
+        said = (set(mark.standing), set(mark.lifted), set(mark.locked))
+        if said != (set(phase.standing), set(phase.lifted(task.machine)), set(phase.locked)):
+            raise DefinitionError(
+                f"phase {mark.name!r} is marked as standing on {list(mark.standing)}, lifting {list(mark.lifted)} and "
+                f"locking {list(mark.locked)}; the task has it stand on {list(phase.standing)}, lift "
+                f"{list(phase.lifted(task.machine))} and lock {list(phase.locked)}"
+            )
     counts = [at_least] * len(names) if isinstance(at_least, int) else list(at_least)
     jerks = [check_jerk] * len(names) if isinstance(check_jerk, bool) else list(check_jerk)
     certificates = tuple(
@@ -206,7 +215,12 @@ class _Ledger:
                 self._largest(name, np.where(finite, values, np.inf), bound, unit, clock, where)
 
             if foot not in phase.standing:
-                judge("lifted feet in the ground", 0.0 - height[:, i], self.tolerances.support, "m")
+                lowest = height[:, i]
+                if machine.foot(foot).sole:
+                    corners = machine.corners(safe, foot)
+                    above = measure_height(task.support, corners.reshape(-1, 3)).reshape(corners.shape[:2])
+                    lowest = np.minimum(lowest, above.min(axis=1))
+                judge("lifted feet in the ground", 0.0 - lowest, self.tolerances.support, "m")
                 continue
             drift = np.linalg.norm(ends[:, i] - fixed[:, i], axis=1)
             judge("standing feet move", drift, self.tolerances.foot, "m")

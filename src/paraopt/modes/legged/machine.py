@@ -40,6 +40,8 @@ class Foot:
             else the carrier's origin.
         upright: Direction on the carrier that is along the support's normal while the foot stands, for a foot that
             stands on its sole; None for a foot that stands on a point.
+        sole: Corners of the sole on the carrier [m], in the plane of the contact point across `upright`: what the
+            support polygon is made of, so that a machine may stand on two feet or one. The point of contact when empty.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Foot:
     carrier: str | None = None
     carrier_point: Sequence[float] | None = None
     upright: Sequence[float] | None = None
+    sole: Sequence[Sequence[float]] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -69,6 +72,22 @@ class Foot:
             if size == 0.0:
                 raise DefinitionError(f"upright direction of foot {self.name!r} is zero; it must be a direction")
             object.__setattr__(self, "upright", tuple((direction / size).tolist()))
+        corners = tuple(as_point(corner, f"corner of the sole of foot {self.name!r}") for corner in self.sole)
+        object.__setattr__(self, "sole", corners)
+        if not corners:
+            return
+        if self.upright is None or len(corners) < 3:
+            raise DefinitionError(
+                f"sole of foot {self.name!r} has {len(corners)} corners, and its upright direction is {self.upright}; "
+                "a sole needs three corners and an upright direction"
+            )
+        above = (np.array(corners) - np.array(self.carrier_point)) @ np.array(self.upright)
+        if not np.all(np.abs(above) <= 1e-9):
+            worst = int(np.argmax(np.abs(above)))
+            raise DefinitionError(
+                f"corner {worst} of the sole of foot {self.name!r} is {above[worst]:.3g} m out of the plane of its "
+                "point of contact; a sole is flat"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +183,21 @@ class LeggedMachine:
         ends, carriers, _ = self._contacts.batch(np.atleast_2d(np.asarray(X, dtype=float)))
         return ends.reshape(-1, len(self.feet), 3), carriers.reshape(-1, len(self.feet), 3)
 
+    def corners(self, X: Array, name: str) -> Array:
+        """Give the points on which a foot stands, as its carrier has them: the corners of its sole, or its point.
+
+        Args:
+            X: Values of all variables, shape (n, n_variables).
+            name: Name of the foot.
+
+        Returns:
+            Points in the world [m], shape (n, n_corners, 3).
+        """
+        foot, rows = self.foot(name), np.atleast_2d(np.asarray(X, dtype=float))
+        if not foot.sole:
+            return self.contacts(rows)[1][:, [self.names.index(name)]]
+        return self._corners[name].batch(rows)[0].reshape(len(rows), -1, 3)
+
     def uprights(self, X: Array) -> Array:
         """Give the upright direction of every foot in the world, zero for feet on points; shape (n, n_feet, 3)."""
         return self._contacts.batch(np.atleast_2d(np.asarray(X, dtype=float)))[2].reshape(-1, len(self.feet), 3)
@@ -188,6 +222,17 @@ class LeggedMachine:
         ends = ca.vertcat(*[_place(graph, foot.link, foot.point) for foot in self.feet])
         function = ca.Function("paraopt_contact_slopes", [graph.X], [ends, ca.jacobian(ends, graph.X)], {"cse": True})
         return CompiledFunction(function, self.robot.kinematics.functions.backend)
+
+    @cached_property
+    def _corners(self) -> dict[str, CompiledFunction]:
+        graph, backend = self.robot.kinematics.graph, self.robot.kinematics.functions.backend
+        found = {}
+        for foot in self.feet:
+            if foot.sole:
+                points = ca.densify(ca.horzcat(*[_place(graph, str(foot.carrier), corner) for corner in foot.sole]).T)
+                function = ca.Function("paraopt_sole", [graph.X], [points], {"cse": True})
+                found[foot.name] = CompiledFunction(function, backend)
+        return found
 
     @cached_property
     def _contacts(self) -> CompiledFunction:

@@ -117,9 +117,11 @@ def build_problem(task: LeggedTask, phase: Phase, start: Configuration) -> Probl
 
 def build_conditions(task: LeggedTask, phase: Phase, start: Configuration) -> tuple[StabilityCondition, ...]:
     """Build what a phase must keep: the centre of gravity within each edge of the support polygon."""
-    if phase.stability is None or len(phase.standing) < 3:
+    if phase.stability is None or not phase.standing:
         return ()
-    polygon = build_polygon(task.machine, start.X, phase.standing, task.down)
+    polygon = find_polygon(task, phase, start)
+    if len(polygon.corners) < 3:
+        return ()  # refused as a stance
     # an edge is out of sight of the barrier at a good share of the polygon's size
     size = float(np.max(np.linalg.norm(polygon.points - polygon.points.mean(axis=0), axis=1)))
     return (StabilityCondition(task.machine, polygon, phase.stability, horizon=0.2 * size),)

@@ -284,5 +284,12 @@ def test_a_phase_that_is_missing_is_no_certificate(plan: LeggedPlan) -> None:
     short = LeggedTrajectory(trajectory.robot, trajectory.parts[:2], trajectory.marks[:2])
     with pytest.raises(po.DefinitionError, match="has the phases"):
         verify_legged(plan.task, [phase.problem for phase in plan.phases], short)
+    marks = [replace(mark, standing=plan.task.machine.names, lifted=()) for mark in trajectory.marks]
+    with pytest.raises(po.DefinitionError, match=r"phase 'swing' is marked .*the task has it .*lift \['right rear'\]"):
+        verify_legged(
+            plan.task,
+            [phase.problem for phase in plan.phases],
+            LeggedTrajectory(trajectory.robot, trajectory.parts, marks),
+        )
     mark = PhaseMark("p", 1.0, 3.0, ("a",), ("b",))
     assert mark.duration == 2.0
