@@ -46,11 +46,13 @@ class Row:
         name: Name of the closure and component.
         unit: "m", "1" for an equation without dimension, "N" or "N m".
         force: Unit in which its forces are judged [N], where it has any.
+        closure: Name of the constraint, or gauge, that it belongs to.
     """
 
     name: str
     unit: Unit
     force: float = 1.0
+    closure: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +146,10 @@ def build_closure(mechanism: Mechanism, gauges: Sequence[Gauge] = ()) -> Closure
     for constraint in mechanism.constraints:
         for expression, new in build_equations(constraint, symbols):
             equations.append(expression)
-            rows += new
+            rows += [replace(row, closure=constraint.name) for row in new]
     for gauge in gauges:
         equations.append(read_expression(gauge.expression, value, X_W, f"gauge {gauge.name!r}") - value[gauge.name])
-        rows.append(Row(f"gauge {gauge.name}", "m" if gauge.kind == "length" else "1"))
+        rows.append(Row(f"gauge {gauge.name}", "m" if gauge.kind == "length" else "1", closure=gauge.name))
     F = ca.vertcat(*equations) if equations else ca.SX(0, 1)
     return ClosureGraph(mechanism, X, F, tuple(rows), X_W)
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import paraopt as po
-from paraopt.kinematics import Determinants
+from paraopt.kinematics import Determinants, MotionSpace
 from support import Array, five_bar_robot, raf_configurations, raf_robot, two_rpr, two_rpr_values, vector
 
 
@@ -472,3 +472,32 @@ def test_a_regular_machine_may_be_loose() -> None:
     )
     assert (report.kind, report.unheld) == ("regular", 1)
     assert str(report).startswith("five-bar: regular; under-actuated: 1 motion more than drives\n")
+
+
+# --- Signs far from where equations were chosen
+
+
+def test_dependent_rows_are_no_singularity() -> None:
+    """A regular walk of a tripod on which its chosen rows of welds and leg loops come to depend on each other."""
+    robot = po.robots.tripod()
+    kinematics, names = robot.kinematics, robot.mechanism.operational
+    space, chosen = MotionSpace(kinematics), Determinants.at(kinematics, robot.home_configuration)
+    X = robot.home_configuration.X[None]
+    first, goal = X[0, space.index].copy(), np.array([-0.126, -0.118, 0.214, -0.337, -1.087, -0.4])
+    rows, lowest = [], []
+    for t in np.linspace(0.0, 1.0, 60)[1:]:
+        values = (first + t * (goal - first))[None]
+        closed = kinematics.solve_batch(
+            names, values, X + np.einsum("nvm,nm->nv", space.tangent(X), values - X[:, space.index])
+        )
+        assert closed.converged[0]
+        X = closed.X
+        margins = space.margins(X)
+        lowest.append(min(margins.parallel[0], margins.serial[0]))
+        (E,) = kinematics.functions.scaled_jacobian.batch(X)
+        rows.append(np.linalg.slogdet(E[0, chosen.rows][:, chosen.serial_columns])[0])
+    assert min(lowest) > 0.05, "the walk is regular"
+    assert min(rows) < 0.0 < max(rows), "the rows that were chosen at home turn"
+    before, after = (np.array(chosen.signs(x))[:, 0] for x in (robot.home_configuration.X, X))
+    np.testing.assert_array_equal(after, before)
+    np.testing.assert_array_equal(np.sign([v[0] for v in chosen(X)]), before)

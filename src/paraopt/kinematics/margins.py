@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.kinematics.configuration import Configuration
 from paraopt.kinematics.model import Kinematics
-from paraopt.kinematics.ranks import independent_rows
+from paraopt.kinematics.orientation import ParallelOrientation
+from paraopt.kinematics.ranks import compute_rank, independent_rows
 from paraopt.kinematics.solve import ClosureSolution, SolveOptions
 
 Array = NDArray[np.float64]
@@ -25,12 +26,17 @@ class Determinants:
     values are divided by the volume of the chosen rows, `sqrt(det(E E^T))`, which makes them free of the choice of
     equations: they lie in [-1, 1], and zero means singular.
 
+    Where equations repeat others, as those of a weld do, the chosen ones may come to depend on each other far from
+    where they were chosen, though the machine is regular there. Both determinants then change their signs together.
+    Where that is seen they are evaluated again on combinations of the equations that stay independent at all poses.
+
     Attributes:
         kinematics: The mechanism's functions.
         rows: Chosen equations.
         columns: Columns that are neither idle nor locked.
         parallel_columns: Chosen columns of [N K].
         serial_columns: Chosen columns of [M N].
+        reference: The regular configuration, shape (n_variables,).
     """
 
     kinematics: Kinematics
@@ -38,6 +44,7 @@ class Determinants:
     columns: NDArray[np.intp]
     parallel_columns: NDArray[np.intp]
     serial_columns: NDArray[np.intp]
+    reference: Array
 
     @classmethod
     def at(
@@ -63,7 +70,8 @@ class Determinants:
         used = np.setdiff1d(np.flatnonzero(np.max(np.abs(E), axis=0, initial=0.0) > 1e-12), locked)
         free = E.copy()
         free[:, locked] = 0.0
-        return cls(kinematics, independent_rows(free), used, np.setdiff1d(used, active), np.setdiff1d(used, task))
+        parallel, serial = np.setdiff1d(used, active), np.setdiff1d(used, task)
+        return cls(kinematics, independent_rows(free), used, parallel, serial, configuration.X.copy())
 
     @property
     def has_parallel(self) -> bool:
@@ -84,19 +92,63 @@ class Determinants:
         Returns:
             Normalised determinants of [N K] and of [M N] [1], shape (n,) each; nan where not square.
         """
-        chosen = self._chosen_rows(X)
-        whole = chosen[:, :, self.columns]
-        volume = 0.5 * np.linalg.slogdet(whole @ whole.transpose(0, 2, 1))[1]
-        (sign_p, log_p), (sign_s, log_s) = self._factors(chosen)
-        return sign_p * np.exp(log_p - volume), sign_s * np.exp(log_s - volume)
+        X = np.atleast_2d(np.asarray(X, dtype=float))
+        values = self._values(self._chosen_rows(X))
+        turned = self._turned(np.sign(values))
+        if turned.size:
+            values[:, turned] = self._sense[:, None] * self._values(self._combined_rows(X[turned]))
+        return values[0], values[1]
 
     def signs(self, X: ArrayLike) -> tuple[Array, Array]:
         """Evaluate the signs of both determinants at n points, shape (n,) each; nan where not square."""
+        X = np.atleast_2d(np.asarray(X, dtype=float))
         (parallel, _), (serial, _) = self._factors(self._chosen_rows(X))
-        return parallel, serial
+        signs = np.array([parallel, serial])
+        turned = self._turned(signs)
+        if turned.size:
+            signs[:, turned] = self._sense[:, None] * [
+                sign for sign, _ in self._factors(self._combined_rows(X[turned]))
+            ]
+        return signs[0], signs[1]
 
-    def _chosen_rows(self, X: ArrayLike) -> Array:
-        (E,) = self.kinematics.functions.scaled_jacobian.batch(np.atleast_2d(np.asarray(X, dtype=float)))
+    def _values(self, chosen: Array) -> Array:
+        """Give both determinants over the volume of the rows, shape (2, n)."""
+        whole = chosen[:, :, self.columns]
+        volume = 0.5 * np.linalg.slogdet(whole @ whole.transpose(0, 2, 1))[1]
+        return np.array([sign * np.exp(logarithm - volume) for sign, logarithm in self._factors(chosen)])
+
+    def _turned(self, signs: Array) -> NDArray[np.intp]:
+        """Give the points at which both signs differ from the reference's, where that may be the rows' doing."""
+        if not (self.has_parallel and self.has_serial) or self._orientation is None:
+            return np.arange(0)
+        return np.flatnonzero(np.all(signs == -self._first[:, None], axis=0))
+
+    @cached_property
+    def _first(self) -> Array:
+        """Give both signs at the reference."""
+        return np.array([sign[0] for sign, _ in self._factors(self._chosen_rows(self.reference[None]))])
+
+    @cached_property
+    def _orientation(self) -> ParallelOrientation | None:
+        """Give combinations of the equations that stay independent; none where none repeats others, or not enough."""
+        if len(self.rows) == self.kinematics.graph.F.numel():
+            return None
+        found = ParallelOrientation.at(self.kinematics, self.reference)
+        combined = found.rows(self.reference[None])[0]
+        is_complete = len(combined) == len(self.rows)
+        return found if is_complete and compute_rank(combined[:, self.columns]).value == len(self.rows) else None
+
+    @cached_property
+    def _sense(self) -> Array:
+        """Give the signs on chosen rows over those on combined ones, at the reference, shape (2,)."""
+        return self._first * [sign[0] for sign, _ in self._factors(self._combined_rows(self.reference[None]))]
+
+    def _combined_rows(self, X: Array) -> Array:
+        assert self._orientation is not None
+        return self._orientation.rows(X)
+
+    def _chosen_rows(self, X: Array) -> Array:
+        (E,) = self.kinematics.functions.scaled_jacobian.batch(X)
         return E[:, self.rows, :]
 
     def _factors(self, chosen: Array) -> list[tuple[Array, Array]]:

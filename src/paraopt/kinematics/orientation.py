@@ -95,14 +95,15 @@ class ParallelOrientation:
     """Evaluate the determinant of [N K], divided by the volume of the equations: it lies in [-1, 1].
 
     Where equations repeat others, those of a leg are replaced by their products with as many columns of the platform's
-    twist as are independent (`twist_columns`, chosen once), or, where these do not span them, by some of them.
+    twist as are independent (`twist_columns`, chosen once), or, where these do not span them, with columns of E.
 
     Attributes:
         kinematics: The mechanism's functions.
-        parts: Rows of each leg, and the chosen twists, or None for the rows themselves.
+        parts: Rows of each leg or constraint, and the columns by which they are multiplied: indices of twists, or -1 - i
+            for column i of E; None for the rows themselves.
         columns: Columns that are not idle.
-        is_certain: Whether signs can be compared between all configurations; where some of several dependent rows had
-            to be chosen, they can only be where these stay independent.
+        is_certain: Whether signs can be compared between all configurations; where rows were combined by columns of E,
+            or chosen, they can only be where these stay independent.
     """
 
     kinematics: Kinematics
@@ -120,28 +121,20 @@ class ParallelOrientation:
         (E,) = kinematics.functions.scaled_jacobian.batch(X[None])
         columns = np.array([k for k, name in enumerate(mechanism.names) if name not in kinematics.idle], dtype=int)
         everything = np.arange(E.shape[1])
-        parts: list[tuple[NDArray[np.intp], NDArray[np.intp] | None]] = []
         certain = True
         if len(independent_rows(E[0])) == len(everything):
-            parts = [(everything, None)]
+            parts: list[tuple[NDArray[np.intp], NDArray[np.intp] | None]] = [(everything, None)]
         else:
-            twists = twist_columns(kinematics, E, X[None])[0]
             legs = find_legs(kinematics.graph, passive_coordinates(kinematics))
             loose = np.setdiff1d(everything, [k for leg in legs for k in leg.rows])
-            for rows in [*(np.array(leg.rows, dtype=int) for leg in legs), loose]:
-                rank = compute_rank(E[0, rows]).value
-                if rank == len(rows):
-                    parts.append((rows, None))
-                    continue
-                chosen = independent_rows(twists[rows].T)[:rank]
-                if compute_rank(twists[rows][:, chosen]).value == rank:
-                    parts.append((rows, chosen))
-                else:
-                    parts.append((rows[independent_rows(E[0, rows])], None))
-                    certain = False
-            count = sum(len(rows) if chosen is None else len(chosen) for rows, chosen in parts)
-            if count > compute_rank(E[0]).value:  # legs repeat each other
-                parts, certain = [(independent_rows(E[0]), None)], False
+            twists = twist_columns(kinematics, E, X[None])[0]
+            parts, certain = _combine([*(np.array(leg.rows, dtype=int) for leg in legs), loose], E[0], twists)
+            if not certain:  # a leg of several closures may have more independent rows than the platform has twists
+                names = [row.closure for row in kinematics.graph.rows]
+                closures = [np.flatnonzero([n == name for n in names]) for name in dict.fromkeys(names)]
+                finer, certain = _combine(closures, E[0], twists)
+                whole = sum(len(rows) if chosen is None else len(chosen) for rows, chosen in finer)
+                parts = finer if certain or whole == compute_rank(E[0]).value else parts
         made = cls(kinematics, tuple(parts), columns, certain)
         _PARALLEL[kinematics] = made
         return made
@@ -155,15 +148,7 @@ class ParallelOrientation:
         Returns:
             Normalised determinants [1], shape (n,); nan where [N K] is not square.
         """
-        (E,) = self.kinematics.functions.scaled_jacobian.batch(X)
-        twists = twist_columns(self.kinematics, E, X) if any(c is not None for _, c in self.parts) else None
-        rows = []
-        for part, chosen in self.parts:
-            block = E[:, part]
-            if chosen is not None and twists is not None:
-                block = twists[:, part][:, :, chosen].transpose(0, 2, 1) @ block
-            rows.append(block)
-        whole = np.concatenate(rows, axis=1)[:, :, self.columns]
+        whole = self.rows(X)[:, :, self.columns]
         square = whole[:, :, self.columns >= len(self.kinematics.mechanism.active)]
         if square.shape[1] != square.shape[2]:
             return np.full(len(X), np.nan)
@@ -171,6 +156,50 @@ class ParallelOrientation:
         sign, logarithm = np.linalg.slogdet(square)
         names = self.kinematics.mechanism.names[len(self.kinematics.mechanism.active) :]
         return np.asarray(chart_signs(self.kinematics, X, names) * sign * np.exp(logarithm - volume), dtype=float)
+
+    def rows(self, X: Array) -> Array:
+        """Give as many combinations of the equations' derivatives as are independent.
+
+        Args:
+            X: Values, shape (n, n_variables).
+
+        Returns:
+            Scaled rows [1], shape (n, n_rows, n_variables).
+        """
+        (E,) = self.kinematics.functions.scaled_jacobian.batch(X)
+        is_twisted = any(chosen is not None and chosen[0] >= 0 for _, chosen in self.parts)
+        twists = twist_columns(self.kinematics, E, X) if is_twisted else E
+        rows = []
+        for part, chosen in self.parts:
+            block = E[:, part]
+            if chosen is not None:
+                factor = twists[:, part][:, :, chosen] if chosen[0] >= 0 else block[:, :, -1 - chosen]
+                block = factor.transpose(0, 2, 1) @ block
+            rows.append(block)
+        return np.concatenate(rows, axis=1)
+
+
+def _combine(
+    groups: Sequence[NDArray[np.intp]], E: Array, twists: Array
+) -> tuple[list[tuple[NDArray[np.intp], NDArray[np.intp] | None]], bool]:
+    """Combine the rows of each group to as many as are independent, by columns of twists; tell whether all could be."""
+    parts: list[tuple[NDArray[np.intp], NDArray[np.intp] | None]] = []
+    certain = True
+    for rows in groups:
+        rank = compute_rank(E[rows]).value
+        if rank == len(rows):
+            parts.append((rows, None))
+            continue
+        chosen = independent_rows(twists[rows].T)[:rank]
+        if compute_rank(twists[rows][:, chosen]).value == rank:
+            parts.append((rows, chosen))
+        else:  # as in a loop within a leg: by columns of variables, which move with the leg, unlike rows
+            parts.append((rows, -1 - independent_rows(E[rows].T)[:rank]))
+            certain = False
+    count = sum(len(rows) if chosen is None else len(chosen) for rows, chosen in parts)
+    if count > compute_rank(E).value:  # groups repeat each other
+        return [(independent_rows(E), None)], False
+    return parts, certain
 
 
 @dataclass(frozen=True, eq=False)
