@@ -46,6 +46,8 @@ def test_a_lift_is_certified(plan: LeggedPlan) -> None:
     names = {check.name for check in certificate.checks}
     assert names >= {"support margin", "standing feet off support"}
     assert str(certificate).startswith("certified, 3 phases")
+    for phase, checked in zip(plan.phases, certificate.phases, strict=True):  # ten times as dense as the planner
+        assert checked.n_samples >= 10 * max(phase.refined.n_samples, phase.trajectory.n_grid)
     assert "certified motion" in plan.summary
     assert set(plan.timings) == {"prepare", "seed", "refine", "retime", "verify"}
 
@@ -155,6 +157,35 @@ def test_feet_step_onto_frames_and_slopes(task: LeggedTask, shift: Phase, swing:
     assert plan.certificate.smallest_margin < level.certificate.smallest_margin
     with pytest.raises(po.InfeasibleError, match=r"'swing'.*foot 'right rear' is 3\.985 mm in 'ground'"):
         plan_legged(replace(uneven, phases=(shift, swing, back)))
+
+
+@dataclass(frozen=True)
+class Bump:
+    """Level ground with a smooth rise of 4 mm across the way of the right rear foot, half way of its step."""
+
+    name: str = "bump"
+    z: float = -0.155
+
+    def tangent_plane(self, p_W: ArrayLike) -> tuple[Array, Array]:
+        points = np.asarray(p_W, dtype=float)
+        u = np.clip((points[..., 0] - 0.047) / 0.009, -1.0, 1.0)
+        beside = points[..., 1] > -0.05  # the other feet stand on level ground
+        rise = np.where(beside, 0.0, 0.004 * np.cos(0.5 * np.pi * u) ** 2)
+        slope = np.where(beside, 0.0, -0.004 * 0.5 * np.pi / 0.009 * np.sin(np.pi * u))
+        normal = np.stack([-slope, np.zeros_like(slope), np.ones_like(slope)], axis=-1)
+        below = np.stack([points[..., 0], points[..., 1], self.z + rise], axis=-1)
+        return below, normal / np.linalg.norm(normal, axis=-1)[..., None]
+
+
+def test_a_lifted_foot_rises_over_what_is_in_its_way(task: LeggedTask, shift: Phase, swing: Phase) -> None:
+    """No place to pass is given and the ground is no obstacle of the scene: the refinement keeps the foot above it."""
+    over = replace(swing, via=())
+    plan = plan_legged(replace(task, phases=(shift, over), support=Bump()), retimer=po.TimeOptimal())
+    assert plan.certificate.passed
+    t = np.linspace(0.0, plan.phases[1].trajectory.duration, 301)
+    foot = plan.task.machine.contacts(plan.phases[1].trajectory(t))[0][:, 0]
+    top = np.interp(0.047, foot[:, 0], foot[:, 2])
+    assert top >= -0.155 + 0.004 - 1e-6
 
 
 def test_servos_with_jerk_limits_are_timed_smoothly(task: LeggedTask, shift: Phase) -> None:
