@@ -388,7 +388,7 @@ def _check_dynamics(ledger: _Ledger, problem: Problem, t: Array, X: Array, V: Ar
     V, A = (np.where(finite[:, None], values, 0.0) for values in (V, A))
     points = PathPoints(t, safe, V, A, problem.space.tangent(safe))
     for constraint in problem.dynamics:
-        rows = constraint.rows(problem, points)
+        rows = getattr(constraint, "judge", constraint.rows)(problem, points)
         if not rows.count:
             continue
         asked = np.where(finite[:, None], rows(np.ones(len(t)), np.zeros(len(t))), np.nan)

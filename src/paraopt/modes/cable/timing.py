@@ -166,6 +166,24 @@ class SwayLimits:
         names = tuple(f"unbalanced wrench, side {i + 1}" for i in range(self.sides))
         return PathRows(names, sides[:, :, 0], sides[:, :, 1], np.full(sides.shape[:2], -1.0))
 
+    def judge(self, problem: Problem, points: PathPoints) -> PathRows:
+        """Give the true size in place of the polygon's sides, at points of a motion whose parameter is time.
+
+        The polygon turns with the parameter of the path: its sides, the retimer's, say a little less than is allowed.
+
+        Args:
+            problem: The problem, whose mechanism has the robot's coordinates.
+            points: Points of the motion, with derivatives with respect to time.
+
+        Raises:
+            DefinitionError: The mechanism lacks a coordinate.
+        """
+        places = coordinate_places(self.robot, problem.robot.mechanism)
+        asked = cable_functions(self.robot).inertia_wrench(*(v[:, places] for v in (points.X, points.dX, points.ddX)))
+        rest = unbalanced_part(self.robot, points.X[:, places], asked)
+        size = np.linalg.norm(rest, axis=1)[:, None] / (self.share * pulling_force(self.robot))
+        return PathRows(("unbalanced wrench",), np.zeros_like(size), size, np.full_like(size, -1.0))
+
 
 @dataclass(frozen=True, eq=False)
 class WinchLimits:

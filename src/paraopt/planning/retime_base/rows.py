@@ -79,7 +79,11 @@ class PathRows:
 
 
 class PathConstraint(Protocol):
-    """Bound the motion along a path, beyond the limits that the problem states."""
+    """Bound the motion along a path, beyond the limits that the problem states.
+
+    Where the rows are stricter than what is meant, as sides of a polygon in a disc are, a second method `judge` of the
+    same form says what a motion is certified by; its points have time as their parameter.
+    """
 
     def rows(self, problem: Problem, points: PathPoints) -> PathRows:
         """Give the bounds at places of a path, whose first and second derivatives are exact."""
