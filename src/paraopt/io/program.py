@@ -113,7 +113,7 @@ def build_program(
         template: The words and the columns.
         period: Time between commands [s].
         fields: Texts for the placeholders of header and footer; count, period and duration fill themselves.
-        names: What the motion's columns are called; those of its robot's variables when None.
+        names: What the motion's columns are called; when None its own `names`, or else those of its robot's variables.
         most_commands: Largest number of commands that is meant.
 
     Returns:
@@ -136,10 +136,7 @@ def build_program(
     count = int(np.ceil(duration / period - 1e-9)) + 1
     times = np.minimum(period * np.arange(count), duration)
     if names is None:
-        robot = getattr(motion, "robot", None)
-        if robot is None:
-            raise DefinitionError("the motion has no robot that names its variables; give their names")
-        names = robot.mechanism.names
+        names = _names_of(motion)
     names = list(names)
     samples: dict[int, Array] = {}
     table = np.empty((count, len(template.columns)))
@@ -290,6 +287,16 @@ def _check_period(period: float) -> float:
     if not (np.isfinite(period) and period > 0.0):
         raise DefinitionError(f"period of a program is {period} s; it must be finite and above 0")
     return float(period)
+
+
+def _names_of(motion: Motion) -> Sequence[str]:
+    named: Sequence[str] | None = getattr(motion, "names", None)
+    if named is None:
+        robot = getattr(motion, "robot", None)
+        if robot is None:
+            raise DefinitionError("the motion has no robot that names its variables; give their names")
+        named = robot.mechanism.names
+    return list(named)
 
 
 def _sample(motion: Motion, times: Array, order: int, width: int) -> Array:

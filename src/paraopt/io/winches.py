@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from paraopt.errors import DefinitionError
 from paraopt.io.template import Column, Template
-from paraopt.modes.cable import CableRobot
+from paraopt.modes.cable import CableRobot, name_paid_out
 
 
 def winch_columns(
@@ -14,8 +15,12 @@ def winch_columns(
 ) -> tuple[Column, ...]:
     """Make the columns of a cable robot's winches, with its limits.
 
+    Where a cable runs over a pulley, the wheel takes up a length that changes with the pose. Its column stands for the
+    length that the winch pays out, which is a variable of a `WinchMotion` and none of the trajectory: a program made of
+    the trajectory itself is refused.
+
     Args:
-        robot: The cable robot. Its lengths run from exit to attachment.
+        robot: The cable robot.
         angles: Whether the winches are told angles of their drums [rad], or lengths [m].
         scale: Factor to the controller's unit, such as 1e3 for millimetres or 180/pi for degrees.
         digits: Decimals, see `Column`.
@@ -25,27 +30,23 @@ def winch_columns(
         One column for each cable, by its name.
 
     Raises:
-        DefinitionError: Angles are asked of a robot without drums, or a cable runs over a pulley: the wheel takes up a
-            length of cable that changes with the pose, which no factor of the free length can give.
+        DefinitionError: Angles are asked of a robot without drums.
     """
-    for name, pulley in zip(robot.cables, robot.pulleys or (), strict=False):
-        if pulley is not None:
-            raise DefinitionError(
-                f"cable {name!r} of {robot.name!r} runs over a pulley of {pulley.radius:g} m; make columns for a "
-                "motion of the lengths that the winches pay out"
-            )
     if angles and robot.drums is None:
         raise DefinitionError(f"{robot.name!r} has no drums; give them, or write lengths")
     if unit is None:
         unit = ("rad" if angles else "m") if scale == 1.0 else ""
     columns = []
-    for i, name in enumerate(robot.cables):
+    pulleys = robot.pulleys or (None,) * robot.n_cables
+    for i, (name, variable, pulley) in enumerate(zip(robot.cables, name_paid_out(robot), pulleys, strict=True)):
         factor, shift = scale, 0.0
         if angles:
             drum = robot.drums[i]
             factor = scale / drum.length_per_radian
             shift = -factor * drum.zero_length
-        ends = sorted(factor * length + shift for length in robot.lengths)
+        # what lies on a wheel is less than one turn of it
+        extra = 0.0 if pulley is None else 2.0 * math.pi * pulley.radius
+        ends = sorted(factor * length + shift for length in (robot.lengths[0], robot.lengths[1] + extra))
         rate, bend = (
             float("inf") if limits is None else abs(factor) * float(limits[i])
             for limits in (robot.velocity, robot.acceleration)
@@ -53,6 +54,7 @@ def winch_columns(
         columns.append(
             Column(
                 name,
+                variable=variable,
                 scale=factor,
                 offset=shift,
                 digits=digits,

@@ -10,7 +10,7 @@ import numpy as np
 
 from paraopt.errors import DefinitionError, unknown_name
 from paraopt.io import build_program, cbu_template, csv_template, winch_columns
-from paraopt.modes.cable import CableCertificate, CableRobot, MotionChain, cable_functions
+from paraopt.modes.cable import CableCertificate, CableRobot, MotionChain, WinchMotion, cable_functions
 from paraopt.modes.cable.distribution import coordinate_places
 from paraopt.planning import Trajectory
 from paraopt.scene import Scene
@@ -51,8 +51,9 @@ def save_cables(
     target, robot = Path(folder), certificate.robot
     _check_names(robot, motion)
     columns = winch_columns(robot, digits=6)  # micrometres
+    paid = WinchMotion(robot, motion)
     programs = {
-        name: build_program(motion, template, period, fields={"robot": robot.name} if name == "program" else None)
+        name: build_program(paid, template, period, fields={"robot": robot.name} if name == "program" else None)
         for name, template in (("winches", csv_template(columns)), ("program", cbu_template(columns)))
     }
     how = f"{motion.duration:.2f} s"
@@ -141,6 +142,8 @@ def _check_names(robot: CableRobot, motion: Trajectory | MotionChain) -> None:
     X = motion(np.linspace(0.0, motion.duration, 101))
     lengths = cable_functions(robot).lengths(X[:, coordinate_places(robot, mechanism)])
     off = np.max(np.abs(X[:, list(mechanism.indices(robot.cables))] - lengths), axis=0)
+    # over a pulley the winch pays out another length, which the program takes from the pose
+    off[[pulley is not None for pulley in robot.pulleys or (None,) * robot.n_cables]] = 0.0
     if np.max(off) > 1e-6:
         i = int(np.argmax(off))
         raise DefinitionError(

@@ -156,6 +156,7 @@ def test_references_of_attachments_and_inertia(tmp_path: Path) -> None:
     )
     read = model(tmp_path, bodies(com="0.1 0.2 0.3", ref="joint", end="0 0 -0.4"), by_com)
     np.testing.assert_allclose(read.robot.attachments, [[0.2, 0.2, 0.3]] * 4)
+    np.testing.assert_allclose(read.robot.exits, [(x, y, 3) for x, y in CORNERS])  # the base has no centre of mass
     I_O = np.array([[0.3, 0.01, 0.02], [0.01, 0.4, 0.03], [0.02, 0.03, 0.5]])
     c = np.array([0.1, 0.2, 0.3])
     shift = -np.cross(c, np.cross(c, np.eye(3)))  # c^2 - c c^T

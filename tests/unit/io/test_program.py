@@ -14,12 +14,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
+import paraopt as po
+from cable_robots import planar
 from motions import plan_of
 from paraopt.errors import DefinitionError, InfeasibleError, UnknownNameError
 from paraopt.io.program import Program, build_program, check_commands, read_program, write_program
 from paraopt.io.template import Column, Template
 from paraopt.io.winches import cbu_template, csv_template, winch_columns
-from paraopt.modes.cable import CableRobot, Drum, Pulley
+from paraopt.modes.cable import CableRobot, Drum, Pulley, WinchLimits, WinchMotion, cable_functions
 
 Array = NDArray[np.float64]
 
@@ -307,9 +309,43 @@ def test_winch_columns_carry_the_robots_limits() -> None:
 def test_what_winches_cannot_be_told() -> None:
     with pytest.raises(DefinitionError, match="'two' has no drums"):
         winch_columns(winched(drums=None), angles=True)
-    pulleys = (None, Pulley(0.02, (0, 1, 0)))
-    with pytest.raises(DefinitionError, match=r"cable 'q2' of 'two' runs over a pulley of 0.02 m"):
-        winch_columns(winched(pulleys=pulleys))
+    # over a pulley the free length is not what the winch pays out
+    wheels = winch_columns(winched(pulleys=(None, Pulley(0.02, (0, 1, 0)))))
+    assert [c.source for c in wheels] == ["q1", "paid-out q2"]
+    assert wheels[1].upper == pytest.approx(5.0 + 2 * np.pi * 0.02)
+    with pytest.raises(UnknownNameError, match="paid-out q2"):
+        build(csv_template(wheels))
+
+
+def test_a_program_of_winches_behind_pulleys() -> None:
+    """The angles of the drums turn by all that is paid out: the free part, and what lies on the wheel."""
+    robot = planar(
+        pulleys=[Pulley(0.03, (1, 0, 0))] * 4, drums=[Drum(0.05, zero_length=0.2)] * 4, velocity=1.0, acceleration=5.0,
+        gravity=(0, -9.81), t_min=1.0,
+    )  # fmt: skip
+    start = {"x": 0.4, "y": 0.45, "theta": 0.0}
+    goal = {"x": 0.6, "y": 0.55, "theta": 0.1}
+    trajectory = po.plan(po.Problem(po.Scene(robot.robot), start, goal, dynamics=(WinchLimits(robot),))).trajectory
+    motion = WinchMotion(robot, trajectory)
+    assert motion.names == tuple(f"paid-out q{i}" for i in range(1, 5))
+    template = cbu_template(winch_columns(robot, angles=True, digits=9))
+    program = build_program(motion, template, 0.01, fields={"robot": robot.name})
+    times = np.minimum(program.times, trajectory.duration)
+    poses = trajectory(times)[:, trajectory.robot.mechanism.indices(robot.coordinates)]
+    wanted = cable_functions(robot).winch_angles(poses)
+    assert program.values[:, 1:] == pytest.approx(wanted, abs=0.51e-9)
+    assert np.max(np.abs(wanted - (cable_functions(planar()).lengths(poses) - 0.2) / 0.05)) > 0.1
+    h = 1e-5
+    inner = times[5:-5]
+    assert motion(inner, 1) == pytest.approx((motion(inner + h) - motion(inner - h)) / (2 * h), abs=1e-5)
+    assert motion(inner, 2) == pytest.approx((motion(inner + h, 1) - motion(inner - h, 1)) / (2 * h), abs=0.05)
+    assert motion(0.1).shape == (4,)
+    with pytest.raises(DefinitionError, match="order"):
+        motion(0.1, 3)
+    with pytest.raises(UnknownNameError, match="paid-out q1"):
+        build_program(trajectory, template, 0.01, fields={"robot": robot.name})
+    with pytest.raises(DefinitionError, match="lacks the coordinates"):
+        WinchMotion(robot, plan_of("free").trajectory)
 
 
 # --- What cannot be built

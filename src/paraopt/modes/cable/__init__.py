@@ -24,6 +24,7 @@ from paraopt.modes.cable.statics import Feasibility, Tensions, check_feasibility
 from paraopt.modes.cable.sway import measure_sway
 from paraopt.modes.cable.timing import SwayLimits, TensionLimits, WinchLimits
 from paraopt.modes.cable.winch import Drum, Pulley
+from paraopt.modes.cable.winding import WinchMotion, name_paid_out
 from paraopt.modes.cable.workspace import CableWorkspace, map_workspace
 from paraopt.modes.cable.wrench import CableFunctions, cable_functions
 
@@ -54,6 +55,7 @@ __all__ = [
     "TensionMargin",
     "Tensions",
     "WinchLimits",
+    "WinchMotion",
     "build_hanging",
     "cable_functions",
     "capacity_gradients",
@@ -71,6 +73,7 @@ __all__ = [
     "judge_stability",
     "map_workspace",
     "measure_sway",
+    "name_paid_out",
     "name_tension",
     "read_hanging",
     "report_cable_state",
