@@ -10,9 +10,19 @@ import numpy as np
 import pytest
 
 import paraopt as po
+from cable_robots import planar
 from paraopt.errors import DefinitionError, InfeasibleError
 from paraopt.io import cbu_template, read_program, winch_columns
-from paraopt.modes.cable import CableCertificate, CableRobot, MotionChain, read_hanging, verify_cables
+from paraopt.modes.cable import (
+    CableCertificate,
+    CableRobot,
+    MotionChain,
+    Pulley,
+    WinchLimits,
+    cable_functions,
+    read_hanging,
+    verify_cables,
+)
 
 START = {"x": 0.4, "y": 0.45, "z": -0.7, "gamma": 0.0}
 
@@ -40,6 +50,21 @@ def test_all_files_are_written_and_say_the_same(tmp_path: Path) -> None:
     page = files["page"].read_text()
     assert all(f"tension {q}" in page for q in robot.cables)
     assert "sway" in page
+
+
+def test_winches_behind_pulleys_are_told_what_they_pay_out(tmp_path: Path) -> None:
+    robot = planar(
+        pulleys=[None, *[Pulley(0.03, (1, 0, 0))] * 3], gravity=(0, -9.81), t_min=1.0, velocity=1.0, acceleration=5.0
+    )
+    start, goal = {"x": 0.4, "y": 0.45, "theta": 0.0}, {"x": 0.6, "y": 0.55, "theta": 0.1}
+    scene = po.Scene(robot.robot)
+    trajectory = po.plan(po.Problem(scene, start, goal, dynamics=(WinchLimits(robot),))).trajectory
+    certificate = verify_cables(robot, trajectory, count=301)
+    files = po.view.save_cables(tmp_path, scene, trajectory, certificate, period=0.02)
+    program = read_program(files["program"], cbu_template(winch_columns(robot, digits=6)))
+    times = np.minimum(program.times, trajectory.duration)
+    poses = trajectory(times)[:, list(trajectory.robot.mechanism.indices(robot.coordinates))]
+    assert np.max(np.abs(program.values[:, 1:] - cable_functions(robot).lengths(poses))) <= 0.5e-6 + 1e-12
 
 
 def test_a_chain_has_named_parts(tmp_path: Path) -> None:

@@ -80,10 +80,11 @@ class TensionMargin:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Name the quantities."""
+        """Name the quantities, with the force that counts as one."""
+        unit = f"tension margin / {self._scale:.4g} N"
         if self._hangs or self.lowest is None or self.lowest >= len(self._all_names):
-            return tuple(f"tension margin, {name}" for name in self._all_names)
-        return tuple(f"tension margin, facet {i + 1} from the nearest" for i in range(self.lowest))
+            return tuple(f"{unit}, {name}" for name in self._all_names)
+        return tuple(f"{unit}, facet {i + 1} from the nearest" for i in range(self.lowest))
 
     @cached_property
     def lower(self) -> Array:

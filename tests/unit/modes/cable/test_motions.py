@@ -97,7 +97,7 @@ def test_condition_of_a_hanging_robot_gives_its_tensions() -> None:
     h = 1e-6
     ahead, behind = (distribute_batch(robot, poses + s * h * np.eye(6)[2]).values for s in (1, -1))
     assert slopes[:, :4, 0] == pytest.approx((ahead - behind) / (2 * h), rel=1e-6)
-    assert condition.names[0] == "tension margin, q1 above t_min"
+    assert condition.names[0] == "tension margin / 1 N, q1 above t_min"
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.3])
