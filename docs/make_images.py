@@ -1,4 +1,4 @@
-"""Make the pictures of the README: the page that plays the motion, opened in headless Chromium, and two figures.
+"""Make the pictures of the README: pages that play motions, opened in headless Chromium, and figures.
 
     python docs/make_images.py                 # needs chromium on the PATH
     python docs/make_images.py --time 0.35
@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 
 import paraopt as po
-from paraopt.view import draw_motion, save_figure, write_motion_page
+from paraopt.view import draw_filmstrip, draw_motion, save_figure, write_motion_page
 
 HERE = Path(__file__).resolve().parent
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -40,6 +40,28 @@ def plan_cylinder() -> po.Plan:
     obstacle = po.Cylinder(name="cylinder", radius=0.03, length=0.4, pose=pose)
     scene = po.Scene(po.robots.raf(), [obstacle])
     return po.plan(po.Problem(scene, {"x": -0.06, "y": 0.0, "z": 0.48}, {"x": 0.06, "y": 0.0, "z": 0.48}))
+
+
+def plan_rise() -> po.Plan:
+    """Plan the README's task of a platform on four cables."""
+    larm = po.robots.larm_hanging(tension=(0.5, 8.0))
+    cables = po.cable.read_hanging(larm, larm.mechanism.active)
+    wall = po.Box(name="wall", size=(0.06, 0.6, 0.25), pose=po.transform((0.5, 0.5, -0.875)))
+    pose = {"y": 0.45, "z": -0.85, "gamma": 0.0}
+    margins = po.Margins(clearance=0.01, singularity=0.01)
+    dynamics = [po.cable.TensionLimits(cables), po.cable.SwayLimits(cables, 0.05)]
+    scene = po.Scene(larm, [wall])
+    problem = po.Problem(scene, {"x": 0.25, **pose}, {"x": 0.75, **pose}, margins, dynamics=dynamics)
+    return po.plan(problem, retimer=po.JerkLimited())
+
+
+def plan_walk() -> po.legged.LeggedPlan:
+    """Plan the README's walk."""
+    dog = po.legged.GaitModel(po.robots.gipo_machine(po.robots.gipo(trunk_height=-0.02)))
+    ground = po.legged.PlaneSupport(point=dog.rest_places[0])
+    gait = po.legged.find_gait(po.legged.build_walk(dog, ground, step=0.06))
+    margins = po.Margins(clearance=0.0, singularity=0.01)
+    return po.legged.plan_legged(po.legged.build_gait_task(gait, ground, margins=margins))
 
 
 def photograph(plan: po.Plan, target: Path, time: float, view: str, notches: int, size: tuple[int, int]) -> None:
@@ -82,9 +104,16 @@ def main() -> None:
     figures = draw_motion(plan.problem, plan.seed, plan.trajectory, plan.certificate)
     for name in ("actuators", "margins"):
         save_figure(figures[name], options.output / f"raf-{name}.png", resolution=110.0)
+    walk = plan_walk()
+    swings = [mark for mark in walk.trajectory.marks if mark.lifted]
+    times = [0.5 * (mark.start + mark.end) for mark in swings]
+    save_figure(draw_filmstrip(walk, times=times), options.output / "gipo-filmstrip.png", resolution=110.0)
     if not options.figures_only:
+        rise = plan_rise()
+        size = tuple(options.size)
+        photograph(rise, options.output / "larm-rise.png", 0.5 * rise.trajectory.duration, "iso", 3, size)
         time = 0.5 * plan.trajectory.duration if options.time is None else options.time
-        photograph(plan, options.output / "raf-cylinder.png", time, options.view, options.zoom, tuple(options.size))
+        photograph(plan, options.output / "raf-cylinder.png", time, options.view, options.zoom, size)
 
 
 if __name__ == "__main__":
