@@ -1,8 +1,9 @@
-"""Run the Python blocks of README.md one after the other, and compare what they print with what stands below them.
+"""Run the Python blocks of README.md, or of a guide, and compare what they print with what stands below them.
 
-    python docs/run_readme.py            # exits 1 and says where they differ
-    python docs/run_readme.py --write    # puts what was printed into README.md
-    python docs/run_readme.py --bench    # measures, and puts the figures into its section "Speed"
+    python docs/run_readme.py                           # exits 1 and says where they differ
+    python docs/run_readme.py --write                   # puts what was printed into README.md
+    python docs/run_readme.py --write docs/cables.md    # into a guide
+    python docs/run_readme.py --bench                   # measures, and puts the figures into the section "Speed"
 
 A block "```python" may be followed by a block "```text": what it printed. Blocks share their names and run in a
 temporary folder. Numbers, and what was worst when nothing was wrong, differ between machines: they do not count.
@@ -78,17 +79,20 @@ def measure(text: str) -> str:
 
 def main() -> None:
     """Compare, or write."""
-    text = README.read_text(encoding="utf-8")
+    given = [word for word in sys.argv[1:] if not word.startswith("--")]
+    page = Path(given[0]).resolve() if given else README
+    text = page.read_text(encoding="utf-8")
     here = Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "tests").symlink_to(README.parent / "tests")  # for the data that a guide reads
         os.chdir(folder)
         try:
-            if sys.argv[1:] == ["--write"]:
-                README.write_text(refresh(text), encoding="utf-8")
-            elif sys.argv[1:] == ["--bench"]:
-                README.write_text(measure(text), encoding="utf-8")
+            if "--write" in sys.argv:
+                page.write_text(refresh(text), encoding="utf-8")
+            elif "--bench" in sys.argv:
+                page.write_text(measure(text), encoding="utf-8")
             elif found := differences(text):
-                sys.exit("\n".join(found))
+                sys.exit("\n".join(found).replace("README.md", page.name))
         finally:
             os.chdir(here)
 

@@ -1,5 +1,6 @@
 """Legged machines: parallel robots whose feet stand on a support, come off it, and stand elsewhere."""
 
+from paraopt.modes.legged import tripod
 from paraopt.modes.legged.balance import (
     SupportPolygon,
     build_centre,
@@ -75,5 +76,6 @@ __all__ = [
     "measure_worst_support",
     "plan_legged",
     "tilt_gravity",
+    "tripod",
     "verify_legged",
 ]
