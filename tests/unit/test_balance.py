@@ -163,6 +163,16 @@ def test_loads_act_where_they_are_stated() -> None:
     assert tilt(moment=(0.0, 0.0, -0.5)) < -1e-3
 
 
+def test_forces_are_judged_by_what_pulls() -> None:
+    """The weight, or the constant force where nothing has weight, or what is stated."""
+    pull = [Tension("t", "base", (0, 0, 0), "body", (0, 0, 0))]
+    force = (0.0, 3.0, -4.0)
+    assert Equilibrium("body", pull, mass=2.0, force=force).scale == pytest.approx(2.0 * G)
+    assert Equilibrium("body", pull, force=force).scale == pytest.approx(5.0)
+    assert Equilibrium("body", pull, mass=2.0, gravity=(0, 0, 0), force=force).scale == pytest.approx(5.0)
+    assert Equilibrium("body", pull, mass=2.0, reference_force=7.0).scale == 7.0
+
+
 def test_a_cable_between_two_bodies_pulls_both() -> None:
     """Two weights under each other: the upper cable carries both, the lower one its own."""
     upper, lower = po.Mobile("upper", prefix="u."), po.Mobile("lower", prefix="l.")
