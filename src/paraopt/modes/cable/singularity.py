@@ -100,7 +100,9 @@ class CableState:
                 found.append(f"the tension of cable {cable!r} reaches zero")
         if self.balanced and not self.feasible:
             found.append(f"no tensions within their limits balance weight and load (margin {self.margin:.4g} N)")
-        if self.stability is not None and self.feasible and not self.stability.is_stable:
+        # beyond its limits a cable still holds, as long as it pulls
+        pulls = self.least_tension >= -self._slack_level
+        if self.stability is not None and pulls and not self.stability.is_stable:
             least = f"the energy's least curvature is {self.stability.least:.4g} of weight times length"
             found.append(f"the equilibrium is {self.stability.verdict}: {least}")
         return tuple(found)

@@ -101,6 +101,13 @@ def test_an_equilibrium_that_is_lost_is_reported() -> None:
     assert state.stability is not None
     assert not state.stability.is_stable
     assert any("unstable" in finding for finding in state.findings)
+    # that its tensions exceed their limits is another finding
+    weak = report_cable_state(hanging(drop=-0.05, t_max=1.0), pose)
+    assert [any(words in finding for finding in weak.findings) for words in ("limits", "unstable")] == [True, True]
+    # where a cable would have to push there is no equilibrium to judge
+    beyond = report_cable_state(hanging(drop=0.0), [0.5, -0.1, -0.5, 0.0, 0.0, 0.0])
+    assert not any("equilibrium" in finding for finding in beyond.findings)
+    assert any("push" in finding for finding in beyond.findings)
     # between both it is neutral
     assert any("neutral" in finding for finding in report_cable_state(hanging(drop=0.0), pose).findings)
 
