@@ -112,16 +112,13 @@ def list_page_phases(plan: LeggedPlan) -> tuple[Phase, ...]:
     carried = {v.name: v.link for v in mechanism.variables}
     phases = []
     for mark in plan.trajectory.marks:
-        marks = [
-            mark_link(
-                mechanism,
-                "fixed foot" if foot.name in mark.standing else "free foot",
-                foot.link,
-                foot.point,
-                style.GREEN if foot.name in mark.standing else style.VERMILLION,
-            )
-            for foot in machine.feet
-        ]
+        marks = []
+        for foot in machine.feet:
+            stands = foot.name in mark.standing
+            label, color = ("fixed foot", style.GREEN) if stands else ("free foot", style.VERMILLION)
+            marks.append(mark_link(mechanism, label, foot.link, foot.point, color))
+            if foot.carrier == foot.link:  # a foot that is a link of its own hides its mark: it takes the colour
+                marks.append(mark_link(mechanism, label, foot.link, None, color))
         # a trunk that stands still while a foot moves is no locked joint
         joints = [name for name in mark.locked if name not in mechanism.operational]
         marks += [mark_link(mechanism, "locked joint", carried[name], (0.0, 0.0, 0.0)) for name in joints]

@@ -190,7 +190,6 @@ def build_page(
             "muted": style.MUTED,
             "rule": style.RULE,
             "axes": _axis_colors(),
-            "cable": style.CABLE,
         },
     }
     imports = {name: _data_url(_asset(file)) for name, file in MODULES.items()}

@@ -104,6 +104,15 @@ def test_the_page_marks_feet_and_locks(plan: LeggedPlan) -> None:
     assert [mark.label for mark in shift.marks] == ["fixed foot"] * 4
     assert [mark.label for mark in lift.marks] == ["free foot", *["fixed foot"] * 3, "locked joint"]
     assert (shift.begin, shift.end, lift.end) == (0.0, lift.begin, plan.trajectory.duration)
+    # a foot that is a link of its own takes the colour, since its solid hides the mark
+    foot = replace(plan.task.machine.feet[0], link="right rear carrier z", point=(0, 0, 0))
+    own = replace(
+        plan, task=replace(plan.task, machine=replace(plan.task.machine, feet=(foot, *plan.task.machine.feet[1:])))
+    )
+    assert [(m.label, m.point) for m in list_page_phases(own)[1].marks[:2]] == [
+        ("free foot", (0, 0, 0)),
+        ("free foot", None),
+    ]
 
 
 def test_the_page_draws_the_support_polygon_and_where_weight_presses(plan: LeggedPlan) -> None:

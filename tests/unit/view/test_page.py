@@ -168,13 +168,16 @@ def test_frames_that_carry_nothing_are_left_out() -> None:
 def test_cables_are_carried_with_the_frames_of_their_ends() -> None:
     cables = [
         CableLine("rope", (-1, 4), [(0, 0, 1), (0.1, 0, 0)], 0.002),
-        CableLine("hose", (0, 4), np.ones((2, 3)), 0.01),
+        CableLine("hose", (0, 4), np.ones((2, 3)), 0.01, "hoses", style.GREEN),
     ]
     data = _data(build_page(**_arguments(cables=cables, poses=_poses(frames=5))))
     assert data["frames"] == 3  # 0 and 1 of the bodies, 4 of the cables alone
     assert [cable["frames"] for cable in data["cables"]] == [[-1, 2], [0, 2]]
-    assert data["cables"][0] == {"name": "rope", "frames": [-1, 2], "points": [[0, 0, 1], [0.1, 0, 0]], "radius": 0.002}
-    assert data["colors"]["cable"] == style.CABLE
+    assert data["cables"][0] == {
+        "name": "rope", "frames": [-1, 2], "points": [[0, 0, 1], [0.1, 0, 0]], "radius": 0.002, "label": "Cables",
+        "color": style.CABLE,
+    }  # fmt: skip
+    assert (data["cables"][1]["label"], data["cables"][1]["color"]) == ("hoses", style.GREEN)
     # a page may hold nothing else
     alone = _data(build_page(title="", bodies=[], cables=cables[:1], times=TIMES, poses=_poses(frames=5)))
     assert alone["frames"] == 1

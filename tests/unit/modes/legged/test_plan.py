@@ -17,6 +17,7 @@ from paraopt.modes.legged import (
     LeggedCertificate,
     LeggedPlan,
     LeggedTask,
+    LeggedTolerances,
     LeggedTrajectory,
     Phase,
     PhaseMark,
@@ -103,6 +104,16 @@ def test_marks_must_follow_each_other(plan: LeggedPlan) -> None:
     ):
         with pytest.raises(po.DefinitionError, match=match):
             LeggedTrajectory(trajectory.robot, trajectory.parts, marks)
+
+
+def test_no_plan_is_given_that_its_certificate_contradicts(task: LeggedTask, shift: Phase) -> None:
+    short = replace(task, phases=(shift,))
+    strict = LeggedTolerances(rest=1e-300)  # no motion that numbers describe is so much at rest
+    with pytest.raises(po.CertificateError, match="contacts change at rest"):
+        plan_legged(short, retimer=po.TimeOptimal(), accept=strict)
+    failed = plan_legged(short, retimer=po.TimeOptimal(), accept=strict, allow_failed=True)
+    assert not failed.certificate.passed
+    assert "NOT certified" in failed.summary
 
 
 def test_the_same_task_gives_the_same_motion(plan: LeggedPlan) -> None:
