@@ -35,7 +35,7 @@ def check_hanging(text: str) -> None:
     sway = re.search(r"unbalanced inertia up to ([\d.]+) %", text)
     firm = re.search(r"equilibria stable: least curvature of the energy ([\d.]+)", text)
     assert sway
-    assert 0.0 < float(sway[1]) <= 5.0
+    assert 0.0 < float(sway[1]) <= 2.0
     assert firm
     assert float(firm[1]) > 0.1
     assert "independent coordinates x, y, z, gamma;" in text

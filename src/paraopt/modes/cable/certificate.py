@@ -72,6 +72,17 @@ class CableCertificate:
         """Tell whether there are fewer cables than freedoms, so that weight holds the rest."""
         return self.robot.n_cables < self.robot.dof
 
+    @property
+    def deflection(self) -> float:
+        """Bound how far a steady push of the unbalanced size moves a hanging platform, in characteristic lengths [1].
+
+        It is the most over the motion of what is unbalanced over the least curvature of the energy: a shift by so many
+        characteristic lengths, or a turn by so many radians. A push that changes fast may move it twice as far.
+        """
+        where = np.linspace(0.0, 1.0, len(self.unbalanced)), np.linspace(0.0, 1.0, len(self.curvature))
+        firm = np.interp(where[0], where[1], self.curvature)
+        return float(np.max(np.where(firm > 0.0, self.unbalanced / np.maximum(firm, 1e-300), np.inf)))
+
     def __getitem__(self, name: str) -> Check:
         for check in self.checks:
             if check.name == name:
@@ -91,7 +102,8 @@ class CableCertificate:
             sway, firm = self["unbalanced / weight"], self["stability"]
             lines.append(
                 f"unbalanced inertia up to {100 * sway.value:.2f} % of the weight at {sway.time:.3f} s (allowed "
-                f"{100 * sway.bound:g} %): by so much the platform is pushed off its path of equilibria"
+                f"{100 * sway.bound:g} %): a steady push of that size moves the platform off its path by at most "
+                f"{1e3 * self.deflection * self.robot.length_scale:.1f} mm or {np.degrees(self.deflection):.1f} deg"
             )
             lines.append(
                 f"equilibria {'stable' if firm.passed else 'NOT stable'}: least curvature of the energy "

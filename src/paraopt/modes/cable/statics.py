@@ -314,7 +314,10 @@ def solve_duals(
         moved, rest, higher = evaluate(active, y[active] + step)
         good = higher >= value[active] + 1e-3 * gain
         # near the solution the dual value no longer tells, but the balance does
-        good |= np.linalg.norm(rest, axis=1) < 0.5 * np.linalg.norm(left[active], axis=1)
+        before, after = np.linalg.norm(left[active], axis=1), np.linalg.norm(rest, axis=1)
+        good |= after < 0.5 * before
+        # where values lie beyond their limits by little, steps change nothing until one is freed: they are taken
+        good |= (gain < 1e-10 * np.abs(value[active])) & (after <= (1.0 + 1e-12) * before)
         damping[active] = np.where(good, np.maximum(0.1 * damping[active], 1e-13), 8.0 * damping[active])
         going = active[good]
         y[going] += step[good]

@@ -134,6 +134,22 @@ def test_a_robot_with_enough_cables_is_judged_by_its_capacity() -> None:
     assert {c.name for c in weak.checks if not c.passed} == {"capacity margin", "unbalanced / weight"}
 
 
+def test_a_steady_push_moves_a_pendulum_as_far_as_its_weight_allows() -> None:
+    """Below the centre the platform turns about its bar as a pendulum; its curvature is drop over length."""
+    robot = read_hanging(machine())
+    level = MIDDLE | {"gamma": 0.0}
+    side = level | {"y": 0.52}
+    trajectory = po.plan(po.Problem(po.Scene(machine()), level, side, MARGINS)).trajectory
+    certificate = verify_cables(robot, trajectory, tolerances=CableTolerances(sway=1.0))
+    assert certificate.curvature[0] == pytest.approx(0.05 / robot.length_scale, rel=1e-6)
+    # the moment of the unbalanced force over that of the weight: the lateral acceleration over gravity
+    lateral = np.max(
+        np.abs(trajectory(np.linspace(0, trajectory.duration, 4001), 2)[:, machine().mechanism.index("y")])
+    )
+    assert certificate.deflection >= lateral / 9.81 * 0.99
+    assert certificate.deflection < 3.0 * lateral / 9.81
+
+
 def test_motions_in_a_row_are_one() -> None:
     forth, back = move(), move(False)
     chain = MotionChain([forth, back])

@@ -257,3 +257,16 @@ def test_arguments_are_checked() -> None:
         distribute(robot, [[0.0] * 6] * 2)
     with pytest.raises(DefinitionError, match="wrench"):
         distribute(robot, [0.0] * 6, [0.0] * 3)
+
+
+def test_tensions_of_a_batch_are_found_where_two_reach_their_limit_together() -> None:
+    """At poses of symmetry but for round-off two cables come to t_min as one; which of them is free must be found."""
+    robot = planar(t_min=1.0, t_max=60.0, gravity=(0, -9.81))
+    random = np.random.default_rng(0)
+    poses = np.zeros((1000, 3))
+    poses[:, 1] = random.uniform(0.3, 0.5, 1000)
+    poses[:, [0, 2]] = random.normal(size=(1000, 2)) * 10.0 ** random.uniform(-12, -5, (1000, 2))
+    poses[:, 0] += 0.5
+    tensions = distribute_batch(robot, poses)
+    assert np.max(tensions.residual) <= 2e-9 * robot.weight
+    assert np.mean(tensions.feasible) > 0.99  # to 1e-10 of the weight
