@@ -219,7 +219,8 @@ def check_lock(task: LeggedTask, phase: Phase, problem: Problem) -> None:
     """
     kinematics, start = problem.robot.kinematics, problem.start_configuration
     mechanism, coordinates = kinematics.mechanism, list(phase.coordinates)
-    still = {*problem.held, *kinematics.idle}
+    # a coordinate that no closure ties, such as the turn of a foot about its own point, moves by itself
+    still = {*problem.held, *kinematics.idle} - set(coordinates)
     free = [i for i, v in enumerate(mechanism.variables) if v.name not in still]
     (E,) = kinematics.functions.scaled_jacobian(start.X)
     motions = null_space(E[:, free])

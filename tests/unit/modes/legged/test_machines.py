@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from numpy.typing import ArrayLike, NDArray
 
 import paraopt as po
 from paraopt import legged
@@ -14,8 +15,8 @@ from paraopt import legged
 SOLE = ((0.09, 0.06, 0), (-0.05, 0.06, 0), (-0.05, -0.06, 0), (0.09, -0.06, 0))
 
 
-def biped() -> legged.LeggedMachine:
-    """A trunk on two legs of three slides each, whose feet stay level."""
+def biped(free: tuple[str, ...] = ("x", "y", "z")) -> legged.LeggedMachine:
+    """A trunk on two legs of three slides each, whose feet stay level, or turn about what is named as free."""
     links: list[po.mechanism.Link] = [po.Base("ground"), po.Mobile("trunk", ("x", "y", "z"))]
     closures, feet, slides = [], [], []
     home = {"x": 0.0, "y": 0.0, "z": 0.5}
@@ -26,10 +27,11 @@ def biped() -> legged.LeggedMachine:
             links.append(po.Series(f"{side} slide {axis}", father, at, slide))
             father, at = f"{side} slide {axis}", (0.0, 0.0, 0.0)
             slides.append(f"{side} {axis}")
-        links.append(po.Mobile(f"{side} foot", ("x", "y", "z"), prefix=f"{side} foot "))
+        links.append(po.Mobile(f"{side} foot", free, prefix=f"{side} foot "))
         closures.append(po.Coincidence(father, (0, 0, 0), f"{side} foot", (0, 0, 0)))
-        variables = [f"{side} foot {axis}" for axis in "xyz"]
-        home |= dict(zip(variables, (0.0, y, 0.0), strict=True)) | {f"{side} x": 0.0, f"{side} y": 0.0}
+        variables = [f"{side} foot {coordinate}" for coordinate in free]
+        home |= dict.fromkeys(variables, 0.0) | {f"{side} foot y": y}
+        home |= {f"{side} x": 0.0, f"{side} y": 0.0}
         home[f"{side} z"] = -0.5
         feet.append(legged.Foot(side, variables, father, carrier=f"{side} foot", upright=(0, 0, 1), sole=SOLE))
     placed = [name for foot in feet for name in foot.variables]
@@ -47,8 +49,8 @@ def walk(machine: legged.LeggedMachine, lean: float = 0.09) -> legged.LeggedTask
         (
             legged.Phase("over the left", machine.names, ("x", "y", "z"), {"y": lean}),
             legged.Phase(
-                "step", ("left",), foot, {foot[0]: 0.1}, ("x", "y", "z"), [{foot[0]: 0.05, foot[2]: 0.05}],
-                stability=0.01,
+                "step", ("left",), foot[:3], {foot[0]: 0.1}, ("x", "y", "z", *foot[3:]),
+                [{foot[0]: 0.05, foot[2]: 0.05}], stability=0.01,
             ),
             legged.Phase("over both", machine.names, ("x", "y", "z"), {"x": 0.05, "y": 0.0}),
         ),
@@ -106,6 +108,52 @@ def test_corners_of_a_lifted_sole_count(plan: legged.LeggedPlan) -> None:
     assert not check.passed
     assert check.value == pytest.approx(0.02, abs=1e-9)
     assert check.where == "phase 'step', foot 'right'"
+
+
+def test_a_foot_that_nothing_holds_is_told() -> None:
+    """While it is lifted no actuator says how a foot turns about the end of its leg."""
+    task = walk(biped(("x", "y", "z", "alpha")))
+    shift, step, _ = task.phases
+    loose = replace(step, coordinates=task.machine.foot("right").variables, locked=("x", "y", "z"))
+    with pytest.raises(po.InfeasibleError, match=r"phase 'step' \(lifting 'right'\).*parallel margin 0\.0000"):
+        legged.plan_legged(replace(task, phases=(shift, loose)))
+
+
+@dataclass(frozen=True, eq=False)
+class Rocking:
+    """A motion in which one variable sways and comes back to where it was."""
+
+    motion: po.Trajectory
+    variable: int
+    amount: float
+
+    @property
+    def duration(self) -> float:
+        return self.motion.duration
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> NDArray[np.float64]:
+        X, s = np.array(self.motion(t, order)), np.pi * np.asarray(t) / self.duration
+        if order < 2:
+            X[..., self.variable] += self.amount * (
+                np.sin(s) ** 2 if order == 0 else np.sin(2 * s) * np.pi / self.duration
+            )
+        return X
+
+
+def test_a_standing_sole_that_rocks_is_seen() -> None:
+    """About its point of contact, which stays where it is."""
+    plan = legged.plan_legged(walk(biped(("x", "y", "z", "alpha"))))
+    problems = [phase.problem for phase in plan.phases]
+    i = plan.task.machine.robot.mechanism.index("left foot alpha")
+    for amount, seen in ((3e-9, True), (3e-10, False)):  # a nanoradian is forgiven
+        parts = [plan.trajectory.parts[0], Rocking(plan.phases[1].trajectory, i, amount), plan.trajectory.parts[2]]
+        rocking = legged.LeggedTrajectory(plan.trajectory.robot, parts, plan.trajectory.marks)
+        certificate = legged.verify_legged(plan.task, problems, rocking)
+        check = certificate["standing feet turn"]
+        assert check.passed is not seen
+        assert check.value == pytest.approx(amount, rel=1e-3)
+        assert certificate["standing feet move"].passed
+    assert check.where == "phase 'step', foot 'left'"
 
 
 @pytest.mark.parametrize(
