@@ -109,12 +109,12 @@ def plan_task(
     hangs = cables.n_cables < cables.dof
     limits: list[PathConstraint] = [cable.TensionLimits(cables)]
     limits += [cable.SwayLimits(cables, p.sway)] if hangs else []
-    retimer = po.JerkLimited(constraints=limits) if p.retimer == "ruckig" else po.TimeOptimal(constraints=limits)
+    retimer = po.JerkLimited() if p.retimer == "ruckig" else po.TimeOptimal()
     margin = cable.TensionMargin(cables, scene.robot.mechanism, margin=p.tension * cables.weight / cables.n_cables)
     plans: list[po.Plan] = []
     here: Mapping[str, float] | po.Configuration = places[0][1]
     for (a, _), (b, there) in pairwise(places):
-        problem = po.Problem(scene, here, there, margins=p.margins, conditions=(margin,))
+        problem = po.Problem(scene, here, there, margins=p.margins, conditions=(margin,), dynamics=limits)
         plans.append(po.plan(problem, retimer=retimer))  # raises if the certificate fails
         index = scene.robot.mechanism.index("y" if cables.planar else "z")
         height = plans[-1].trajectory(np.linspace(0.0, plans[-1].trajectory.duration, 1001))[:, index]
