@@ -165,6 +165,7 @@ def test_a_walk_is_saved(plan: LeggedPlan, tmp_path: Path) -> None:
     report = json.loads(files["report"].read_text())
     assert [phase["name"] for phase in report["phases"]] == ["shift", "lift"]
     assert report["phases"][1]["lifted"] == ["right rear"]
+    assert report["phases"][1]["support margin asked [m]"] == 0.0
     assert report["phases"][1]["locked"]["y"] == 0.02
     assert report["certificate"]["passed"] is True
     assert report["certificate"]["smallest support margin [m]"] == plan.certificate.smallest_margin
