@@ -99,8 +99,8 @@ class ParallelOrientation:
 
     Attributes:
         kinematics: The mechanism's functions.
-        parts: Rows of each leg or constraint, and the columns by which they are multiplied: indices of twists, or -1 - i
-            for column i of E; None for the rows themselves.
+        parts: Rows of each leg or constraint, and the columns by which they are multiplied: indices of twists, or
+            -1 - i for column i of E; None for the rows themselves.
         columns: Columns that are not idle.
         is_certain: Whether signs can be compared between all configurations; where rows were combined by columns of E,
             or chosen, they can only be where these stay independent.
