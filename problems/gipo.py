@@ -83,7 +83,9 @@ def main(p: Parameters) -> int:
                 f"off, steps of {1e3 * gait.scale * p.step:.0f} mm, {len(gait.phases)} phases in {time:.2f} s at most"
             )
         gait = best.repeated(p.cycles) if p.task != "turn" else best
-        plan = legged.plan_legged(legged.build_gait_task(gait, support, margins=p.margins))
+        # half of what was found, and never tipping over with the inertia of what moves
+        task = legged.build_gait_task(gait, support, stability=0.5 * margin, margins=p.margins, tipping=0.0)
+        plan = legged.plan_legged(task)
         files = view.save_legged(plan, p.output) if p.output else {}
         program = io.build_robobasic(plan.trajectory, io.gipo_servos(), title=f"GIPO {p.task}")
         if p.output:

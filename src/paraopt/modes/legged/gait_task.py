@@ -22,6 +22,7 @@ def build_gait_task(
     margins: Margins | None = None,
     limits: Limits | None = None,
     retimer: Retimer | None = None,
+    tipping: float | None = None,
 ) -> LeggedTask:
     """Build the task that runs a gait.
 
@@ -33,6 +34,8 @@ def build_gait_task(
         margins: Distances to keep from obstacles and singularities; those of `LeggedTask` when None.
         limits: Bounds of the drives; those of the robot when None.
         retimer: How the phases are timed; as the planner says when None.
+        tipping: Smallest distance from tipping over with the inertia of what moves [m], below the support margin; not
+            asked when None. A gait found for speed needs it.
 
     Returns:
         The task: one phase for each of the gait's, in which standing feet are held and the trunk and the lifted foot
@@ -50,7 +53,7 @@ def build_gait_task(
     start |= dict(zip(model.carriers, model.carriers_at(first.feet[0]).tolist(), strict=True))
     return LeggedTask(
         model.machine, phases, support, start, scene, Margins() if margins is None else margins, limits,
-        tuple(gait.gravity.tolist()),
+        tuple(gait.gravity.tolist()), tipping,
     )  # fmt: skip
 
 
