@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +57,8 @@ class SampleEvaluator:
         X: A configuration near each sample, shape (n, n_variables); follows the samples as they move.
         pairs: Near pairs whose distances are wanted.
         constraints: Conditions besides those of the problem.
+        reach: Largest way from the prediction of a sample to where its closures hold, in characteristic lengths or
+            radians; beyond it the loops may have closed on another solution.
     """
 
     def __init__(
@@ -65,8 +67,9 @@ class SampleEvaluator:
         X: Array,
         pairs: NDArray[np.intp],
         constraints: Sequence[PathBound | PathCondition] = (),
+        reach: float = 0.5,
     ) -> None:
-        self.problem, self.pairs = problem, pairs
+        self.problem, self.pairs, self.reach = problem, pairs, reach
         mechanism = problem.robot.mechanism
         low, high = problem.bounds.bounds(mechanism)
         self.bounded = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
@@ -93,6 +96,10 @@ class SampleEvaluator:
         """Give the configurations of the last evaluation that converged, shape (n, n_variables)."""
         return self._near
 
+    def follow_from(self, values: SampleValues) -> None:
+        """Predict the next samples from earlier ones."""
+        self._near, self._near_T = values.X, values.T
+
     def __call__(self, values: Array) -> SampleValues:
         """Evaluate at n samples of the independent coordinates, shape (n, m)."""
         self.evaluations += 1
@@ -100,7 +107,8 @@ class SampleEvaluator:
         predicted = self._near + np.einsum("nvm,nm->nv", self._near_T, values - self._near[:, problem.index])
         closed = problem.space.solve(values, predicted)
         X = closed.X
-        good = bool(np.all(closed.converged))
+        departure = np.max(np.abs(X - predicted) / self.scale, initial=0.0)
+        good = bool(np.all(closed.converged) and departure <= self.reach)
         T = problem.space.tangent(X)
         margins, dp, ds, dlp, dls = problem.space.margin_gradients(X, T)
         serial, log_serial = margins.serial, margins.log_serial
@@ -158,20 +166,56 @@ class SampleEvaluator:
         Returns:
             Shape (n, m, m); zero where the weights are.
         """
+
+        def gradients(X: Array, T: Array, of: NDArray[np.intp]) -> Array:
+            _, parallel, serial, _, _ = self.problem.space.margin_gradients(X, T)
+            return np.stack([parallel, serial], axis=1)[:, of]
+
+        return self._bend(gradients, X, T, weights, step)
+
+    def bend_distances(self, X: Array, T: Array, weights: Array, step: float = 5e-4) -> Array:
+        """Give second derivatives of `weights . distances`, by central differences of the exact gradients.
+
+        The step is long against the precision of witness points; where the nearest points leap from one corner to
+        another within it, the mean bend over the step is given.
+
+        Args:
+            X: Closed configurations, shape (n, n_variables).
+            T: Motions there, shape (n, n_variables, m).
+            weights: Those of the near pairs [1/m], shape (n, k).
+            step: Step in the independent coordinates, in characteristic lengths or radians.
+
+        Returns:
+            Shape (n, m, m); zero where the weights are.
+        """
+
+        def gradients(X: Array, T: Array, of: NDArray[np.intp]) -> Array:
+            return self.problem.scene.distances(X, self.pairs[of], T).gradients
+
+        return self._bend(gradients, X, T, weights, step)
+
+    def _bend(
+        self,
+        gradients: Callable[[Array, Array, NDArray[np.intp]], Array],
+        X: Array,
+        T: Array,
+        weights: Array,
+        step: float,
+    ) -> Array:
+        """Difference the gradients of weighty quantities, shape (n, k, m), where they weigh something."""
         n, _, m = T.shape
         bent = np.zeros((n, m, m))
-        strongest = max(float(np.max(np.abs(weights), initial=0.0)), 1e-12)
-        at = np.flatnonzero(np.any(np.abs(weights) > 1e-3 * strongest, axis=1))
+        weighty = np.abs(weights) > max(1e-3 * float(np.max(np.abs(weights), initial=0.0)), 1e-15)
+        at, of = np.flatnonzero(np.any(weighty, axis=1)), np.flatnonzero(np.any(weighty, axis=0))
         if not at.size:
             return bent
         problem, scale = self.problem, self.scale[self.problem.index]
         moves = step * np.vstack([np.diag(scale), -np.diag(scale)])
         near = (X[at, None, :] + np.einsum("avm,km->akv", T[at], moves)).reshape(-1, X.shape[1])
         closed = problem.space.solve(near[:, problem.index], near)
-        _, parallel, serial, _, _ = problem.space.margin_gradients(closed.X, problem.space.tangent(closed.X))
-        slopes = np.stack([parallel, serial], axis=1).reshape(len(at), 2, m, 2, m)
+        slopes = gradients(closed.X, problem.space.tangent(closed.X), of).reshape(len(at), 2, m, len(of), m)
         second = (slopes[:, 0] - slopes[:, 1]) / (2.0 * step * scale[:, None, None])
-        found = np.einsum("ajkm,ak->ajm", second, weights[at])
+        found = np.einsum("ajkm,ak->ajm", second, weights[np.ix_(at, of)])
         found[~np.all(closed.converged.reshape(len(at), -1), axis=1)] = 0.0
         bent[at] = 0.5 * (found + found.transpose(0, 2, 1))
         return bent

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from paraopt.errors import ParaoptError
-from paraopt.planning.objective import Evaluation
+from paraopt.planning.objective import Evaluation, Point
 
 Array = NDArray[np.float64]
 
@@ -125,6 +125,69 @@ class Curvature(ca.Callback):
         return [ca.DM(self._pattern, H[self._rows, self._columns])]
 
 
+class Watch(ca.Callback):
+    """Watch the iterates: keep the best feasible one, and stop where a run of them gains nothing.
+
+    At a kink of a distance or a condition a solver that expects smooth functions goes to and fro between its sides, and
+    its optimality conditions never hold. The merit is `f + penalty * largest violation` with the penalty above the sum
+    of the multipliers, which makes it exact. The search ends where a whole run does not lower it by the tolerance but
+    stays near the lowest, as a detour does not, and where the best feasible iterate is as near.
+
+    Args:
+        evaluation: What is solved.
+        bounds: Those of the constraints.
+        tolerance: Gain that counts as progress.
+        patience: Length of a run.
+        feasible: Violation that counts as none.
+    """
+
+    def __init__(
+        self,
+        evaluation: Evaluation,
+        bounds: tuple[Array, Array],
+        tolerance: float,
+        patience: int = 8,
+        feasible: float = 1e-7,
+    ) -> None:
+        ca.Callback.__init__(self)
+        self.evaluation = evaluation
+        self.bounds, self.tolerance, self.patience, self.feasible = bounds, tolerance, patience, feasible
+        sizes = {"f": 1, "x": evaluation.n_x, "g": evaluation.n_g, "lam_x": evaluation.n_x, "lam_g": evaluation.n_g}
+        self._sizes = [sizes.get(name, 0) for name in ca.nlpsol_out()]
+        self._at = [ca.nlpsol_out().index(name) for name in ("f", "x", "g", "lam_g")]
+        self.best: tuple[Point, Array] | None = None
+        self.is_idle = False
+        self._seen: list[tuple[float, float]] = []
+        self._penalty = 0.0
+        self.construct("watch", {})
+
+    def get_n_in(self) -> int:
+        return len(self._sizes)
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes[i], 1) if self._sizes[i] else ca.Sparsity(0, 0)
+
+    def eval(self, arguments: list[ca.DM]) -> list[int]:
+        f, x, g, multipliers = (arguments[i].full().ravel() for i in self._at)
+        low, high = self.bounds
+        out = float(np.max(np.maximum(low - g, g - high), initial=0.0))
+        if out <= self.feasible and (self.best is None or f[0] < self.best[0].f):
+            point = self.evaluation.at(x)
+            if np.isfinite(point.f):
+                self.best = point, multipliers
+        self._penalty = max(self._penalty, 1.5 * float(np.sum(np.abs(multipliers))))
+        self._seen.append((float(f[0]), out))
+        merits = np.array(self._seen) @ [1.0, self._penalty]
+        if len(merits) > self.patience and self.best is not None:
+            before, lately = np.min(merits[: -self.patience]), np.min(merits[-self.patience :])
+            is_near = max(lately, self.best[0].f) < min(before, lately) + 30.0 * self.tolerance
+            self.is_idle = bool(is_near and before - lately < self.tolerance)
+        return [int(self.is_idle)]
+
+
 def solve_by_ipopt(
     functions: Any,
     derivatives: Any,
@@ -153,6 +216,8 @@ def solve_by_ipopt(
     Source: ipopt.
     """
     warm = multipliers is not None
+    # at first, what the barriers of all constraints hold back is this share of the objective, however many they are
+    first_barrier = 1e-5 if warm else float(np.clip(0.1 / max(evaluation.n_g, 1), 1e-5, 1e-3))
     settings = {
         "ipopt": {
             "print_level": 0,
@@ -162,7 +227,7 @@ def solve_by_ipopt(
             "acceptable_tol": 30 * tolerance,
             "acceptable_iter": 5,
             "acceptable_obj_change_tol": 1e-5,
-            "mu_init": 1e-5 if warm else 1e-3,
+            "mu_init": first_barrier,
             "constr_viol_tol": 1e-7,
             **({"warm_start_init_point": "yes", "warm_start_bound_push": 1e-6} if warm else {}),
         },
@@ -172,6 +237,8 @@ def solve_by_ipopt(
         "show_eval_warnings": False,  # where the loops do not close, IPOPT takes a shorter step
         **derivatives,
     }
+    watch = Watch(evaluation, bounds, tolerance)
+    settings["iteration_callback"] = watch
     solver = ca.nlpsol("refine", "ipopt", dict(functions), settings)
     start = {"lam_g0": multipliers} if warm else {}
     answer = solver(x0=guess, lbg=bounds[0], ubg=bounds[1], lbx=box[0], ubx=box[1], **start)
@@ -179,4 +246,10 @@ def solve_by_ipopt(
         raise evaluation.error
     stats = solver.stats()
     x, lam = np.asarray(answer["x"]).reshape(-1), np.asarray(answer["lam_g"]).reshape(-1)
-    return Answer(x, lam, int(stats["iter_count"]), stats["return_status"])
+    status = stats["return_status"]
+    if not stats["success"] and watch.best is not None:
+        point, lam = watch.best
+        evaluation.recall(point)
+        x = point.x
+        status = "converged: small gains" if watch.is_idle else f"best feasible iterate before {status}"
+    return Answer(x, lam, int(stats["iter_count"]), status)

@@ -54,7 +54,7 @@ class Objective:
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
+class Point:
     """Hold all that is known at one vector."""
 
     x: Array
@@ -121,7 +121,7 @@ class Evaluation:
         self._order = np.lexsort((self._rows, self._columns))  # columns first, as CasADi stores them
         self.pattern = (self._rows[self._order], self._columns[self._order])
         self.error: ParaoptError | None = None
-        self._last: _Point | None = None
+        self._last: Point | None = None
 
     # -- structure -------------------------------------------------------------------------------------------------
 
@@ -176,19 +176,25 @@ class Evaluation:
             if self._last is not None:  # the samples are where they were
                 self._last = self._compute(self._last.x, self._last.values)
 
-    def at(self, x: Array) -> _Point:
+    def at(self, x: Array) -> Point:
         """Evaluate at x, or recall the last result."""
         if self._last is None or not np.array_equal(x, self._last.x):
             self._last = self._compute(np.array(x))
         return self._last
 
-    def _compute(self, x: Array, known: SampleValues | None = None) -> _Point:
+    def recall(self, point: Point) -> None:
+        """Go back to an earlier result, so that the samples are followed from where they were then."""
+        self._last = point
+        if point.values is not None:
+            self.evaluator.follow_from(point.values)
+
+    def _compute(self, x: Array, known: SampleValues | None = None) -> Point:
         y, v = x[: self.n_y], known
         if v is None and np.all(np.isfinite(x)):
             v = self.evaluator((self.points + self.moves @ y) * self.to_physical)
         if v is None or not v.converged:  # the solver takes a shorter step
             nan = np.full(len(self.pattern[0]), np.nan)
-            return _Point(x, np.nan, np.full(self.n_x, np.nan), np.full(self.n_g, np.nan), nan, None)
+            return Point(x, np.nan, np.full(self.n_x, np.nan), np.full(self.n_g, np.nan), nan, None)
         barrier, d_barrier, bend = self.barriers(v, self.evaluator)
         half = self._energy @ y
         f = float(y @ half + 2.0 * self._linear @ y) + self._constant + barrier
@@ -230,7 +236,7 @@ class Evaluation:
             entries.append((rows.d_q[:, :1] * ddq + rows.d_q[:, 1:] * dddq).ravel())
             r, c = self._time_pattern
             entries.append(rows.d_b[r, c + 1])
-        return _Point(x, f, d_f, np.concatenate(values), np.concatenate(entries)[self._order], v, bend)
+        return Point(x, f, d_f, np.concatenate(values), np.concatenate(entries)[self._order], v, bend)
 
     @cached_property
     def _active(self) -> NDArray[np.intp]:
@@ -259,7 +265,7 @@ class Evaluation:
         """Give the second derivative of `weight_f f + multipliers . g`, shape (n_x, n_x).
 
         Length, bending, ranges, margins, the user's own constraints, waypoints and limits of the drives are exact;
-        barriers enter by Gauss-Newton; the curvature of distances is left out.
+        barriers enter by Gauss-Newton; distances by differences of their gradients.
         """
         H = np.zeros((self.n_x, self.n_x))
         y = slice(0, self.n_y)
@@ -278,6 +284,9 @@ class Evaluation:
         if self.n_level:
             on_margins[:, : self.kinds] += by_sample[:, self.per_sample - self.kinds :]
         W = W + self.evaluator.bend_margins(v.X, v.T, on_margins)
+        first = b + 2 + u
+        on_distances = by_sample[:, first : first + len(self.evaluator.pairs)]
+        W = W + self.evaluator.bend_distances(v.X, v.T, on_distances / self.barriers.horizon)
         weights = np.zeros_like(v.X)
         weights[:, self.evaluator.bounded] = on_range / self.evaluator.scale[self.evaluator.bounded]
         after = self.n * self.per_sample

@@ -118,6 +118,56 @@ def test_what_cannot_be_closed_is_said_and_forgotten() -> None:
     np.testing.assert_allclose(after.X, before.X, rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_distances_bend_as_their_gradients_do(name: str) -> None:
+    _, values, evaluator = _evaluator(name)
+    result = evaluator(values)
+    near = np.min(result.distances, axis=1)
+    weights = np.where(result.distances == near[:, None], 3.0, 0.0)  # of the nearest pair of each sample
+    bent = evaluator.bend_distances(result.X, result.T, weights)
+    assert np.max(np.abs(bent)) > 1.0  # a body as round as 0.3 m or less, or a turn about a point as near [1/m]
+    for i in range(len(values)):
+
+        def slope(point: np.ndarray, i: int = i) -> np.ndarray:
+            moved = values.copy()
+            moved[i] = point
+            return weights[i] @ evaluator(moved).d_distances[i]
+
+        # witness points leave normals free by 2e-4 at worst: that over steps of 0.1 mm to 1 mm
+        assert_derivative(bent[i], slope, values[i], step=1e-3, tolerance=0.1)
+        np.testing.assert_allclose(bent[i], bent[i].T, rtol=0, atol=1e-12)
+    assert not np.any(evaluator.bend_distances(result.X, result.T, np.zeros_like(weights)))
+
+
+def test_a_large_step_does_not_close_the_loops_on_another_solution() -> None:
+    problem, values, plain = _evaluator("raf cylinder")
+    X = plain(values).X
+    far = values.copy()
+    far[0] = (-0.2325, 0.0555, 0.2238)  # half a reach away: what is predicted there is nothing like the robot
+    walked = X
+    for share in np.linspace(0.0, 1.0, 101)[1:]:
+        closed = problem.space.solve(values + share * (far - values), walked)
+        assert np.all(closed.converged)
+        walked = closed.X
+    unbounded = SampleEvaluator(problem, X, plain.pairs, reach=np.inf)(far)
+    assert unbounded.converged  # closed, and with the signs of the start
+    assert np.max(np.abs(unbounded.X - walked)) > 1.0  # but it is not where the motion leads
+    bounded = SampleEvaluator(problem, X, plain.pairs)
+    assert not bounded(far).converged
+    # a shorter step is taken as before
+    near = bounded(values + 0.1 * (far - values))
+    assert near.converged
+
+
+def test_samples_are_followed_again_from_an_earlier_result() -> None:
+    _, values, evaluator = _evaluator("raf box")
+    first = evaluator(values)
+    evaluator(values + 0.01)
+    assert np.max(np.abs(evaluator.near - first.X)) > 1e-3
+    evaluator.follow_from(first)
+    np.testing.assert_array_equal(evaluator.near, first.X)
+
+
 def test_evaluations_are_counted() -> None:
     _, values, evaluator = _evaluator("raf box")
     for _ in range(3):
