@@ -150,11 +150,15 @@ class Problem:
 
     @cached_property
     def metric(self) -> Array:
-        """Give the weight of each independent coordinate: 1 for lengths, the characteristic length for angles."""
+        """Give the weight of each independent coordinate: 1 for lengths, the characteristic length for angles.
+
+        A force of the size that balances weigh counts as much as a radian.
+        """
         mechanism = self.robot.mechanism
-        kinds = {v.name: v.kind for v in mechanism.variables}
         length = self.characteristic_length or mechanism.length
-        return np.array([1.0 if kinds[n] == "length" else length for n in self.independent])
+        scales = {"length": length, "angle": 1.0}
+        known = {v.name: scales.get(v.kind, v.scale) for v in mechanism.variables}
+        return np.array([length / known[n] for n in self.independent])
 
     @cached_property
     def periodic(self) -> NDArray[np.bool_]:

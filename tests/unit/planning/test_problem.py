@@ -218,3 +218,13 @@ def test_differences_of_angles_go_the_short_way() -> None:
     problem = turning_problem(False)
     turned = problem.turn(np.array([[4.0, -4.0, 4.0], [0.0, 0.0, -np.pi]]))
     np.testing.assert_allclose(turned, [[4.0, -4.0, 4.0 - 2 * np.pi], [0.0, 0.0, -np.pi]], atol=1e-15)
+
+
+def test_forces_weigh_like_angles_over_their_reference() -> None:
+    """A tension among the coordinates: one weight of it counts as one radian."""
+    robot = po.robots.larm_hanging()
+    home = robot.home_configuration
+    goal = {"x": 0.5, "y": 0.5, "z": -0.5, "t1": home["t1"]}
+    problem = po.Problem(po.Scene(robot), home, goal, coordinates=tuple(goal))
+    length, weight = robot.mechanism.length, 9.81
+    np.testing.assert_allclose(problem.metric, [1.0, 1.0, 1.0, length / weight], rtol=1e-3)
