@@ -176,7 +176,7 @@ class ParallelOrientation:
                 factor = twists[:, part][:, :, chosen] if chosen[0] >= 0 else block[:, :, -1 - chosen]
                 block = factor.transpose(0, 2, 1) @ block
             rows.append(block)
-        return np.concatenate(rows, axis=1)
+        return np.concatenate([E[:, :0], *rows], axis=1)
 
 
 def _combine(
@@ -189,6 +189,8 @@ def _combine(
         rank = compute_rank(E[rows]).value
         if rank == len(rows):
             parts.append((rows, None))
+            continue
+        if not rank:  # equations that nothing moves
             continue
         chosen = independent_rows(twists[rows].T)[:rank]
         if compute_rank(twists[rows][:, chosen]).value == rank:
