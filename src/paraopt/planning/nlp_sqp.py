@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from paraopt.planning.nlp_conflict import find_conflict
 from paraopt.planning.nlp_ipopt import Answer
 from paraopt.planning.nlp_quadratic import QuadraticProgram
-from paraopt.planning.objective import Evaluation
+from paraopt.planning.objective import Evaluation, Point
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,14 @@ def solve_by_sqp(
     def gain(point: tuple[float, Array, Array, Array]) -> float:
         return f - point[0] + penalty * (out - violation(point[2])) if np.isfinite(point[0]) else -np.inf
 
+    def attempt(place: Array) -> tuple[tuple[float, Array, Array, Array], Point]:
+        evaluation.recall(here)  # a step that was not taken may have been far off: samples are followed from here
+        return evaluation(place), evaluation.at(place)
+
     f, grad, g, nonzeros = evaluation(x)
+    here = evaluation.at(x)
+    if not np.isfinite(f):
+        return Answer(x, lam, 0, "the loops do not close along the first guess")
     penalty, status, small = 1.0, "bound on the iterations reached", 0
     history: list[float] = []
     for iteration in range(1, iterations + 1):  # noqa: B007 - the count is reported
@@ -104,30 +111,30 @@ def solve_by_sqp(
         if is_last and out <= 1e-9:
             status, lam = "converged", step.multipliers
             break
-        new = evaluation(trial)
+        new, there = attempt(trial)
         gained = gain(new)
         size = float(np.max(np.abs(step.d), initial=0.0))
         if is_last:
             status, lam = "converged", step.multipliers
-            x = trial if gained > 0 else x
+            x, here = (trial, there) if gained > 0 else (x, here)
             break
         whole = bool(np.isfinite(new[0]))
         for share in (0.4, 0.16):  # beyond a singularity, or out of reach: a part of the step may be good
             if np.isfinite(new[0]):
                 break
             trial = np.clip(x + share * step.d, *box)
-            new = evaluation(trial)
+            new, there = attempt(trial)
             gained, radius = gain(new), share * size
         if whole and gained < 0.25 * promised and violation(new[2]) > out:
             # the constraints bend away: once more, with what the linear model missed
             again = solve(new[2] - g - J @ step.d)
             bent = np.clip(x + again.d, *box)
-            other = evaluation(bent)
+            other, beyond = attempt(bent)
             if gain(other) > gained:
-                trial, new, gained = bent, other, gain(other)
+                trial, new, there, gained = bent, other, beyond, gain(other)
         if gained >= 0.05 * promised and gained > -1e-12:
             small = small + 1 if gained < tolerance and violation(new[2]) < 1e-7 else 0
-            x, (f, grad, g, nonzeros), lam = trial, new, step.multipliers
+            x, (f, grad, g, nonzeros), here, lam = trial, new, there, step.multipliers
             if gained > 0.7 * promised and size > 0.8 * radius:
                 radius = min(2.5 * radius, widest)
             if small >= 2:
@@ -138,6 +145,7 @@ def solve_by_sqp(
             if radius < 1e-8:
                 status = "converged: small steps" if out < 1e-6 else Answer.STUCK
                 break
+    evaluation.recall(here)
     return Answer(x, lam, iteration, status)
 
 
@@ -203,7 +211,9 @@ def _solve_part(
     G[:, :n] = part * scale[:, None]
     P, q = np.zeros((size, size)), np.full(size, penalty * out)
     P[:n, :n], q[:n] = H * radius**2, grad * radius
-    cost = 1.0 / max(float(np.max(np.abs(q), initial=0.0)), 1e-300)
+    # at a place where nothing slopes the curvature alone says what is about 1
+    sizes = [float(np.max(np.abs(values), initial=0.0)) for values in (q, P)]
+    cost = 1.0 / max(sizes[0], 1e-12 * sizes[1], 1e-150)
     P, q = cost * P, cost * q
     if relaxed:
         # a violated row may stay violated by the same share as all others

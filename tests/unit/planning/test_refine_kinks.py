@@ -128,3 +128,20 @@ def test_both_solvers_agree_on_machines_with_kinks(state: object) -> None:
     lengths = [po.SplineRefiner(backend=backend).refine(problem, seed).length for backend in ("sqp", "ipopt")]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.003)  # found 0.03 % apart; what is asked for is 1 %
     assert max(lengths) < seed.length
+
+
+def test_steps_are_followed_from_where_the_search_stands() -> None:
+    """A step that was not taken may have led near a singularity: what follows begins from the place before it."""
+    robot = po.robots.five_bar()
+    home = robot.home_configuration
+    goal = {name: home[name] for name in robot.mechanism.operational}
+    goal["x"] -= 1.0
+    problem = po.Problem(po.Scene(robot), home, goal, po.Margins(0.0, 0.01))
+    nlp = po.build_nlp(problem, po.MixedSearch().seed(problem))
+    here = nlp.evaluation.at(nlp.initial)
+    far = nlp.initial + 0.3 * np.random.default_rng(0).normal(size=len(nlp.initial))
+    nlp.evaluation(far)
+    nlp.evaluation.recall(here)
+    assert here.values is not None
+    np.testing.assert_array_equal(nlp.evaluator.near, here.values.X)
+    np.testing.assert_array_equal(nlp.evaluation(nlp.initial)[2], here.g)
