@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -130,16 +129,25 @@ class Trajectory:
         """Give the values by name at one time [s]."""
         return dict(zip(self.robot.mechanism.names, self(float(t)).tolist(), strict=True))
 
-    @cached_property
-    def _slack(self) -> float:
-        return 1e-9 * max(self.duration, 1.0)
-
     def _check(self, t: ArrayLike) -> Array:
-        times = np.asarray(t, dtype=float)
-        if times.size and not (
-            np.all(np.isfinite(times)) and times.min() >= -self._slack and times.max() <= self.duration + self._slack
-        ):
-            raise DefinitionError(
-                f"time is in [{times.min()}, {times.max()}] s; it must be in [0, {self.duration:.6g}] s"
-            )
-        return np.clip(times, 0.0, self.duration)
+        return read_times(t, self.duration)
+
+
+def read_times(t: ArrayLike, duration: float) -> Array:
+    """Read times of a motion; what round-off puts beyond its ends is put on them.
+
+    Args:
+        t: Times [s], a number or any shape.
+        duration: Length of the motion [s].
+
+    Returns:
+        The times in [0, duration], same shape.
+
+    Raises:
+        DefinitionError: A time is outside [0, duration].
+    """
+    times = np.asarray(t, dtype=float)
+    slack = 1e-9 * max(duration, 1.0)
+    if times.size and not (np.all(np.isfinite(times)) and times.min() >= -slack and times.max() <= duration + slack):
+        raise DefinitionError(f"time is in [{times.min()}, {times.max()}] s; it must be in [0, {duration:.6g}] s")
+    return np.clip(times, 0.0, duration)

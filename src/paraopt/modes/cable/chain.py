@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError
 from paraopt.planning import State, Trajectory
+from paraopt.planning.trajectory import read_times
 from paraopt.robot import Robot
 
 Array = NDArray[np.float64]
@@ -96,12 +97,7 @@ class MotionChain:
         Raises:
             DefinitionError: A time is outside [0, duration].
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
-        slack = 1e-9 * max(self.duration, 1.0)
-        if times.size and not (times.min() >= -slack and times.max() <= self.duration + slack):
-            raise DefinitionError(
-                f"time is in [{times.min()}, {times.max()}] s; it must be in [0, {self.duration:.6g}] s"
-            )
+        times = np.atleast_1d(read_times(t, self.duration))
         running = np.searchsorted(self.borders[1:-1], times, side="right")
         values = np.empty((len(times), len(self.robot.mechanism.names)))
         for k, part in enumerate(self.parts):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError
 from paraopt.planning import State
-from paraopt.planning.trajectory import Motion
+from paraopt.planning.trajectory import Motion, read_times
 from paraopt.robot import Robot
 
 Array = NDArray[np.float64]
@@ -105,14 +105,7 @@ class LeggedTrajectory:
         Raises:
             DefinitionError: A time is outside [0, duration].
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
-        slack = 1e-9 * max(self.duration, 1.0)
-        if times.size and not (
-            np.all(np.isfinite(times)) and times.min() >= -slack and times.max() <= self.duration + slack
-        ):
-            raise DefinitionError(
-                f"time is in [{times.min()}, {times.max()}] s; it must be in [0, {self.duration:.6g}] s"
-            )
+        times = np.atleast_1d(read_times(t, self.duration))
         values = np.empty((len(times), len(self.robot.mechanism.names)))
         running = self.phase_at(times)
         for k in np.unique(running).tolist():
