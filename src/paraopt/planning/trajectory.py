@@ -117,13 +117,7 @@ class Trajectory:
 
     def sample(self, period: float) -> State:
         """Sample at a constant period [s], the end included."""
-        if not (np.isfinite(period) and period > 0):
-            raise DefinitionError(f"sampling period is {period} s; it must be finite and above 0")
-        count = int(np.floor(self.duration / period + 1e-9))
-        times = period * np.arange(count + 1)
-        if self.duration - times[-1] > 1e-9:
-            times = np.append(times, self.duration)
-        return self.state(np.minimum(times, self.duration))
+        return self.state(spread_times(period, self.duration))
 
     def at(self, t: float) -> Mapping[str, float]:
         """Give the values by name at one time [s]."""
@@ -151,3 +145,24 @@ def read_times(t: ArrayLike, duration: float) -> Array:
     if times.size and not (np.all(np.isfinite(times)) and times.min() >= -slack and times.max() <= duration + slack):
         raise DefinitionError(f"time is in [{times.min()}, {times.max()}] s; it must be in [0, {duration:.6g}] s")
     return np.clip(times, 0.0, duration)
+
+
+def spread_times(period: float, duration: float) -> Array:
+    """Spread times at a constant period over a motion, its end included.
+
+    Args:
+        period: Time between samples [s].
+        duration: Length of the motion [s].
+
+    Returns:
+        The times [s], shape (n,).
+
+    Raises:
+        DefinitionError: The period is not finite and above 0.
+    """
+    if not (np.isfinite(period) and period > 0):
+        raise DefinitionError(f"sampling period is {period} s; it must be finite and above 0")
+    times = period * np.arange(int(np.floor(duration / period + 1e-9)) + 1)
+    if duration - times[-1] > 1e-9:
+        times = np.append(times, duration)
+    return np.minimum(times, duration)

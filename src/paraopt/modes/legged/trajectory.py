@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from paraopt.errors import DefinitionError
 from paraopt.planning import State
-from paraopt.planning.trajectory import Motion, read_times
+from paraopt.planning.trajectory import Motion, read_times, spread_times
 from paraopt.robot import Robot
 
 Array = NDArray[np.float64]
@@ -121,13 +121,7 @@ class LeggedTrajectory:
 
     def sample(self, period: float) -> State:
         """Sample at a constant period [s], the end included."""
-        if not (np.isfinite(period) and period > 0):
-            raise DefinitionError(f"sampling period is {period} s; it must be finite and above 0")
-        count = int(np.floor(self.duration / period + 1e-9))
-        times = period * np.arange(count + 1)
-        if self.duration - times[-1] > 1e-9:
-            times = np.append(times, self.duration)
-        return self.state(np.minimum(times, self.duration))
+        return self.state(spread_times(period, self.duration))
 
     def at(self, t: float) -> Mapping[str, float]:
         """Give the values by name at one time [s]."""
